@@ -6,11 +6,15 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import cv2
 import numpy as np
 import pytest
+import typer
+from rich.text import Text
 from typer.testing import CliRunner
 
 from evanesce.bundle.layout import Shot
@@ -32,6 +36,20 @@ def test_every_command_explains_itself(command: str) -> None:
     done = runner.invoke(app, [command.replace("_", "-"), "--help"])
     assert done.exit_code == 0
     assert "Usage" in done.output
+
+
+def test_no_help_text_loses_a_unit_as_markup() -> None:
+    def commands(one: click.Command) -> Iterator[click.Command]:
+        yield one
+        for inner in getattr(one, "commands", {}).values():
+            yield from commands(inner)
+
+    texts = [
+        (c.name, p.help) for c in commands(typer.main.get_command(app)) for p in c.params if getattr(p, "help", "")
+    ]
+    assert any("\\[mm]" in text for _, text in texts)
+    for name, text in texts:
+        assert Text.from_markup(text).plain == text.replace("\\[", "["), (name, text)
 
 
 @pytest.mark.parametrize(

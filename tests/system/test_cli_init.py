@@ -63,7 +63,8 @@ def test_scale_and_distortion_come_from_one_picture(tmp_path: Path) -> None:
     scene = tmp_path / "mine.toml"
     done = runner.invoke(app, [
         "init", str(scene), "--preset", "gripper", "--thickness-mm", "8", "--material", "pmma", "--pixel-um", "4.5",
-        "--focal-mm", "4", "--checkerboard", str(tmp_path / "board.png"), "--exposure-ms", "1",
+        "--focal-mm", "4", "--checkerboard", str(tmp_path / "board.png"), "--board-square-mm", "1",
+        "--exposure-ms", "1",
     ])  # fmt: skip
     assert done.exit_code == 0, done.output
     camera = load_scene(scene).camera
@@ -90,7 +91,7 @@ def test_the_board_of_the_picture_is_the_scenes(black: bool, tmp_path: Path) -> 
 
 def test_questions_take_an_empty_answer_for_the_presets_figure(tmp_path: Path) -> None:
     scene = tmp_path / "mine.toml"
-    lines = ["no", "gripper", "", "50x30", "wide", "5", *[""] * 12, "toe", "", "x", "", "", "0.4"]
+    lines = ["no", "gripper", "", "50x30", "wide", "5", *[""] * 14, "toe", "", "x", "", "", "0.4"]
     done = runner.invoke(
         app, ["init", str(scene), "--ask", "--set", "camera.exposure_ms=1"], input="\n".join(lines) + "\n"
     )
@@ -100,6 +101,40 @@ def test_questions_take_an_empty_answer_for_the_presets_figure(tmp_path: Path) -
     assert loaded.plate.thickness_mm == 5.0
     assert loaded.leds.pitch_mm == load_scene("gripper").leds.pitch_mm
     assert loaded.press.forces_N == (0.4,)
+
+
+def test_a_board_without_its_squares_side_is_refused_or_asked(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "board.png"), drawn_board())
+    picture, scene = str(tmp_path / "board.png"), tmp_path / "mine.toml"
+    done = runner.invoke(app, ["init", str(scene), "--checkerboard", picture])
+    assert done.exit_code == 2
+    assert "--board-square-mm" in done.stderr
+    assert not scene.exists()
+    lines = ["gripper", picture, "", "2", *[""] * 30]
+    done = runner.invoke(
+        app, ["init", str(scene), "--ask", "--set", "camera.exposure_ms=1"], input="\n".join(lines) + "\n"
+    )
+    assert done.exit_code == 0, done.output
+    assert load_scene(scene).card.checkerboard_side_mm == 2.0
+
+
+def test_what_is_kept_of_the_preset_is_told(tmp_path: Path) -> None:
+    scene = tmp_path / "mine.toml"
+    done = runner.invoke(
+        app,
+        ["init", str(scene), "--thickness-mm", "8", "--camera", "usb", "--resolution", "960x540", "--field-mm", "30",
+         "--finger", "ball", "--radius-mm", "6", "--exposure-ms", "1"],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "leds.voltage_V = 9 (--voltage-V)" in done.stderr
+    assert "finger.material = silskin_0 (--silicone)" in done.stderr
+    assert "plate.thickness_mm" not in done.stderr
+    assert "960 x 540 px" in done.stderr
+    assert "--pixel-um 6" in done.stderr
+    assert "of the tip's" in done.stderr  # 5 N on a ball of 6 mm
+    loaded = load_scene(scene)
+    assert loaded.sources["plate.thickness_mm"] == "given"
+    assert loaded.sources["leds.voltage_V"].startswith("of the preset thesis: ")
 
 
 def test_presets_are_listed() -> None:
@@ -148,6 +183,8 @@ def test_explain_key_table_effect_and_change(tmp_path: Path) -> None:
     one = runner.invoke(app, ["scene", "explain", "leds.voltage_V", "--scene", "gripper"])
     assert one.exit_code == 0
     assert all(word in one.output for word in ("0 to 60", "thesis, chapter 5", "Brightness", "9"))
+    words = runner.invoke(app, ["scene", "explain", "contact.law"])
+    assert "hertz, scaled_hertz, jkr, xydas_kao, halfspace, fem" in words.output
     table = runner.invoke(app, ["scene", "explain", "camera.lens.distortion"])
     assert "k1" in table.output
     assert "pincushion" in table.output

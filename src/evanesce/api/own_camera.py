@@ -39,6 +39,8 @@ def camera_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
         _part(answers.camera, answers, found)
     if answers.resolution_px is not None:
         cols, rows = answers.resolution_px
+    if answers.camera is not None and answers.resolution_px is not None and answers.pixel_um is None:
+        _says_crop(answers.camera, (cols, rows), found)
     pitch = pitch if answers.pixel_um is None else answers.pixel_um
     focal = focal if answers.focal_mm is None else answers.focal_mm
     if answers.resolution_px is not None:
@@ -59,6 +61,21 @@ def camera_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
         _calibrated(scene, answers, (cols, rows), focal, pitch, found)
     else:
         _scale(scene, answers, cols, focal / pitch * 1e3, found)
+
+
+def _says_crop(name: str, size: tuple[int, int], found: Changes) -> None:
+    """Say how frames of another size than a camera's are read: a smaller field, not larger pixels."""
+    part = CAMERAS[name]
+    cols, rows = part.resolution_px
+    if size == part.resolution_px:
+        return
+    ratio = cols / size[0]
+    same_shape = abs(rows / size[1] / ratio - 1.0) < 0.01
+    larger = f" larger, --pixel-um {_four(part.pitch_um * ratio):g}" if same_shape and ratio > 1.0 else " others"
+    found.notes.append(
+        f"{size[0]} x {size[1]} px of {name}'s {cols} x {rows} are read as a part of its sensor with pixels of"
+        f" {part.pitch_um:g} um; where it scales its frames, pixels are{larger}"
+    )
 
 
 def _part(name: str, answers: RigAnswers, found: Changes) -> None:

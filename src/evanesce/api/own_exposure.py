@@ -29,6 +29,8 @@ DARKER = 8.0
 CLEAR = (0.2, 0.9)
 """Levels between which neither noise nor a full pixel displaces the brightest hundredth."""
 ATTEMPTS = 8
+WIDE = 0.5
+"""Contact radius over the tip's above which a sphere's depth is over 7 % more than the paraboloid's of Hertz [1]."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class RigFigures:
         Current of a segment of the strip, radiant power of an LED.
     force_N : float
         Largest of the programme.
-    area_mm2 : float
-        True contact area at it.
+    area_mm2, tip_radius_mm : float
+        True contact area at it, and radius of the tip.
     level : float
         Brightest hundredth of the contact over full scale, linear [1].
     """
@@ -63,6 +65,7 @@ class RigFigures:
     led_mW: float
     force_N: float
     area_mm2: float
+    tip_radius_mm: float
     level: float
 
     def warnings(self) -> list[str]:
@@ -78,8 +81,14 @@ class RigFigures:
             found.append(f"the contact is overexposed {self.level:.3g} times: shorten camera.exposure_ms")
         elif self.level < 0.02:
             found.append(f"the contact reaches {100 * self.level:.2g} % of full scale: more light or a longer exposure")
-        if math.sqrt(self.area_mm2 / math.pi) * 2 > min(self.field_mm):
+        radius = math.sqrt(self.area_mm2 / math.pi)
+        if 2 * radius > min(self.field_mm):
             found.append("the contact is wider than the field of view")
+        if radius > WIDE * self.tip_radius_mm:
+            found.append(
+                f"at {self.force_N:g} N the contact's radius is {radius / self.tip_radius_mm:.2g} of the tip's: laws of"
+                " small contacts, such as Hertz's, do not hold"
+            )
         return found
 
 
@@ -170,6 +179,7 @@ def figures(scene: Scene) -> RigFigures:
         led_mW=1e3 * max(led_powers(scene.leds).values(), default=0.0),
         force_N=force,
         area_mm2=float(area),
+        tip_radius_mm=scene.finger.tip_radius_mm,
         level=level * camera.exposure_ms * camera.analogue_gain / exposure,
     )
 

@@ -35,11 +35,14 @@ class OwnRig:
         First lines for its file.
     notes : tuple of str
         What a user has to know: figures that were taken along, what is not simulated.
+    changed : frozenset of str
+        Dotted keys that do not come from the preset.
     """
 
     scene: Scene
     heading: str
     notes: tuple[str, ...]
+    changed: frozenset[str] = frozenset()
 
 
 def preset_heading(preset: str) -> str:
@@ -90,7 +93,7 @@ def own_rig(answers: RigAnswers, preset: str = "thesis") -> OwnRig:
     """
     heading = preset_heading(preset)
     base = load_scene(preset)
-    scene, changes = base, Changes()
+    scene, changes, given = base, Changes(), set[str]()
     if answers.is_empty:
         return OwnRig(base, heading, ())
     for step in (_light, _plate, finger_changes, camera_changes, card_changes, _rest):
@@ -98,12 +101,23 @@ def own_rig(answers: RigAnswers, preset: str = "thesis") -> OwnRig:
         step(scene, answers, found)
         scene = _applied(scene, found)
         changes.notes += found.notes
+        given |= found.values.keys()
     if answers.settings:
-        given = Changes()
+        found = Changes()
         for key, value in answers.settings.items():
-            given.known(key.replace("__", "."), value)
-        scene = _applied(scene, given)
-    return OwnRig(scene, _heading(heading, preset), tuple(changes.notes))
+            found.known(key.replace("__", "."), value)
+        scene = _applied(scene, found)
+        given |= found.values.keys()
+    return OwnRig(_with_origins(scene, base, preset), _heading(heading, preset), tuple(changes.notes), frozenset(given))
+
+
+def _with_origins(scene: Scene, base: Scene, preset: str) -> Scene:
+    """Return a scene in which what the preset says of its own figures is said to be the preset's."""
+    said = {name: dict(getattr(scene, name)) for name in ("sources", "assumptions")}
+    for name, texts in said.items():
+        own = getattr(base, name)
+        texts.update({key: f"of the preset {preset}: {text}" for key, text in texts.items() if own.get(key) == text})
+    return scene.model_copy(update=said)
 
 
 def _heading(heading: str, preset: str) -> str:

@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 
 CLIPPED = 1e-3
 """Share of samples at an end of the converter above which a row's variance is cut: such rows are in saturation."""
+LEAST_COVERED = 5
+"""Exposures of covered frames that a fit of three coefficients and an exponent needs."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,16 @@ class SensorFigures:
     ----------
     transfers : tuple of Transfer
     dark : Dark
+    black_DN : float
+        Mean of the shortest covered exposure; NaN without one [DN].
+    notes : tuple of str
+        What was measured and could not be reduced.
     """
 
     transfers: tuple[Transfer, ...] = ()
     dark: Dark = field(default_factory=Dark)
+    black_DN: float = float("nan")
+    notes: tuple[str, ...] = ()
 
 
 def of_table(table: TransferTable, black_DN: float) -> Transfer:
@@ -153,10 +161,22 @@ def of_stack(rows: Sequence[StackRow], black_DN: float) -> SensorFigures:
     """
     names = list(dict.fromkeys(row.name for row in rows))
     transfers = [_transfer([r for r in rows if r.name == n], black_DN) for n in names if _lit(rows, n)]
-    series = [s for n in names for s in _dark_series([r for r in rows if r.name == n])]
+    series, notes = [], []
+    for name in names:
+        made, short = _dark_series([r for r in rows if r.name == name])
+        series += made
+        notes += short
     if not transfers and not series:
-        raise WorkError("neither 6 lit exposures nor 5 covered ones: nothing to reduce")
-    return SensorFigures(tuple(transfers), of_dark(series))
+        raise WorkError(
+            f"neither 6 lit exposures nor {LEAST_COVERED} covered ones: nothing to reduce"
+            + "".join(f"; {n}" for n in notes)
+        )
+    covered = [row for row in rows if row.light == 0.0]
+    shortest = min((row.exposure_s for row in covered), default=None)
+    black = [row.mean_DN for row in covered if row.exposure_s == shortest]
+    return SensorFigures(
+        tuple(transfers), of_dark(series), float(np.mean(black)) if black else float("nan"), tuple(dict.fromkeys(notes))
+    )
 
 
 def of_dark(series: Sequence[DarkSeries]) -> Dark:
@@ -242,16 +262,21 @@ def _prnu(signal: Floats, spatial: Floats, foot: Sequence[StackRow]) -> tuple[fl
     return float(np.sqrt(square)), float(error / (2.0 * np.sqrt(square)))
 
 
-def _dark_series(rows: Sequence[StackRow]) -> list[DarkSeries]:
-    """Return the covered rows of one kind, temporal variance and mean, a series for each temperature."""
-    found = []
+def _dark_series(rows: Sequence[StackRow]) -> tuple[list[DarkSeries], list[str]]:
+    """Return the covered rows of one kind, a series for each temperature, and what is said of those too short."""
+    found, short = [], []
     covered = [row for row in rows if row.light == 0.0]
     for at in sorted({float(np.nan_to_num(row.temperature_C, nan=20.0)) for row in covered}):
         here = sorted(
             (r for r in covered if np.nan_to_num(r.temperature_C, nan=20.0) == at), key=lambda r: r.exposure_s
         )
-        if len({r.exposure_s for r in here}) < 5:
+        exposures = len({r.exposure_s for r in here})
+        if exposures < LEAST_COVERED:
+            if exposures > 1:
+                short.append(
+                    f"no dark current at {at:g} degC: covered frames of {exposures} exposures, {LEAST_COVERED} needed"
+                )
             continue
         columns = np.array([(r.exposure_s, r.temporal_DN2, r.mean_DN, r.spatial_DN2) for r in here]).T
         found.append(DarkSeries(rows[0].name, at, *columns))
-    return found
+    return found, short

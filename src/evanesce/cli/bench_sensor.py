@@ -35,9 +35,16 @@ def sensor(
         typer.Argument(help="Tables mean_DN,variance_DN2[,class] and exposure_s,variance_DN2; or a folder of frames."),
     ],
     black_level: Annotated[
-        float, typer.Option("--black-level-DN", min=0.0, help="Of tables, and of stacks without covered frames.")
-    ] = 256.0,
-    bits: Annotated[int, typer.Option("--bits", min=8, max=16, help="Of the converter.")] = 12,
+        float | None,
+        typer.Option(
+            "--black-level-DN",
+            min=0.0,
+            help="Of tables, and of stacks without covered frames; the scene's, 256 without one.",
+        ),
+    ] = None,
+    bits: Annotated[
+        int | None, typer.Option("--bits", min=8, max=16, help="Of the converter; the scene's, 12 without one.")
+    ] = None,
     analogue_gain: Annotated[
         list[float] | None, typer.Option("--analogue-gain", help="Of all files, or one for each; 1 by default.")
     ] = None,
@@ -64,13 +71,18 @@ def sensor(
         raise InputError(f"{mosaic!r}", key="--mosaic", allowed="BGGR, RGGB, GRBG, GBRG")
     if gain is not None and not 0.0 < gain < 1e4:
         raise InputError(f"{gain:g}", key="--gain-e-per-DN", allowed="above 0, to 10000")
-    if black_level >= 2**bits:
-        raise InputError(f"{black_level:g}", key="--black-level-DN", allowed=f"below {2**bits} DN")
-    loaded = None
+    from evanesce.rig.camera import Pixel
+
+    loaded, nominal = None, Pixel()
     if scene is not None:
         from evanesce.rig import load_scene
 
         loaded = load_scene(scene)
+        nominal = loaded.camera.pixel
+    bits = nominal.bits if bits is None else bits
+    black_level = nominal.black_level_DN if black_level is None else black_level
+    if black_level >= 2**bits:
+        raise InputError(f"{black_level:g}", key="--black-level-DN", allowed=f"below {2**bits} DN")
     gains = _gains(analogue_gain, len(paths))
     figures, of_file = _figures(paths, black_level, bits, mosaic and mosaic.upper(), _size(raw_size), temperature or [])
     each = [gains[k] for k in of_file]
@@ -78,9 +90,7 @@ def sensor(
     _print(figures, result)
     if terms:
         from evanesce.cli.bench_sensor_terms import lacking_terms
-        from evanesce.rig.camera import Pixel
 
-        nominal = Pixel() if loaded is None else loaded.camera.pixel
         result["lacking"] = lacking_terms(figures.transfers, each, figures.dark, gains[-1], nominal)
     folder = out_dir(out, "bench-sensor")
     _write(figures, folder)
@@ -190,6 +200,7 @@ def _summary(figures: SensorFigures, gains: Sequence[float], gain: float | None)
     return _finite(
         {
             "test": "sensor", "photon_transfer": transfers, "dark": dark,
+            "black_level_DN": figures.black_DN, "notes": list(figures.notes),
             "temperature_factors": factors, "temperature_law": None if law is None else asdict(law),
         }
     )  # fmt: skip
@@ -227,6 +238,8 @@ def _print(figures: SensorFigures, result: dict[str, Any]) -> None:
     for doubt in dict.fromkeys(doubt for t in figures.transfers for doubt in t.doubts):
         names = ", ".join(t.name for t in figures.transfers if doubt in t.doubts)
         console.print(f"note: {names}: {doubt}", highlight=False)
+    for note in figures.notes:
+        console.print(f"note: {note}", highlight=False)
     rows = []
     for entry in result["dark"]:
         what = f"{entry['pixels']}, {entry['temperature_C']:g} degC"
@@ -306,6 +319,7 @@ def pixel_keys(result: dict[str, Any]) -> dict[str, float]:
     hot = [d for d in dark if d["temperature_C"] == warm]
     hot = [d for d in hot if d["pixels"] != "all"] or hot  # "all" consists of the others
     found = {
+        "black_level_DN": result.get("black_level_DN"),
         "conversion_gain_e_per_DN": mean([t["gain_1_e_per_DN"] for t in transfers]),
         "read_noise_e": mean([t["read_noise_e"] for t in transfers]),
         "prnu": mean([t["prnu"] for t in transfers]),

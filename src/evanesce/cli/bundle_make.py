@@ -37,7 +37,7 @@ def make(
     scene: Annotated[str, typer.Option("--scene", help="Nominal model: scene file, or the name of a shipped scene.")],
     out: Annotated[Path, typer.Option("--out", help="New or empty folder.")],
     offset_s: Annotated[
-        str, typer.Option("--offset-s", help="Added to a frame's time to get the load cell's [s]; auto: found.")
+        str, typer.Option("--offset-s", help="Added to a frame's time to get the load cell's \\[s]; auto: found.")
     ] = "auto",
     fps: Annotated[float | None, typer.Option("--fps", help="Frame rate where the source states none [Hz].")] = None,
     frames: Annotated[

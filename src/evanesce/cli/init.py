@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich import box
@@ -79,41 +79,45 @@ def init(
         bool, typer.Option("--presets", is_eager=True, callback=lambda v: _list(v), help="List presets.")
     ] = False,
     asked: Annotated[bool, typer.Option("--ask", help="Ask for everything that no option gives.")] = False,
-    plate: Annotated[TextOption, typer.Option("--plate-mm", metavar="XxY", help="Size of the plate [mm].")] = None,
-    thickness: Annotated[FloatOption, typer.Option("--thickness-mm", help="Of the plate [mm].")] = None,
+    plate: Annotated[TextOption, typer.Option("--plate-mm", metavar="XxY", help="Size of the plate \\[mm].")] = None,
+    thickness: Annotated[FloatOption, typer.Option("--thickness-mm", help="Of the plate \\[mm].")] = None,
     material: Annotated[TextOption, typer.Option(help=f"Of the plate: {NAMES}.")] = None,
     index: Annotated[FloatOption, typer.Option(help="Refractive index of the plate.")] = None,
     absorption: Annotated[FloatOption, typer.Option("--absorption-per-mm", help="Of the plate [1/mm].")] = None,
     spectrum: Annotated[TextOption, typer.Option(help="LEDs: white, red, infrared, or a CSV file.")] = None,
-    led_pitch: Annotated[FloatOption, typer.Option("--led-pitch-mm", help="LED to LED [mm].")] = None,
+    led_pitch: Annotated[FloatOption, typer.Option("--led-pitch-mm", help="LED to LED \\[mm].")] = None,
     package: Annotated[TextOption, typer.Option(help="LEDs: 2835, 3528, 5050, 3014, 0805, 0603.")] = None,
     edges: Annotated[TextOption, typer.Option(help="Lit edges, e.g. left,right.")] = None,
     voltage: Annotated[FloatOption, typer.Option("--voltage-V", help="Supply of the LEDs [V].")] = None,
     current: Annotated[
-        FloatOption, typer.Option("--current-mA", help="Of one segment, in place of volts [mA].")
+        FloatOption, typer.Option("--current-mA", help="Of one segment, in place of volts \\[mA].")
     ] = None,
     camera: Annotated[TextOption, typer.Option(help="pi_hq, pi_3, pi_2, pi_gs, usb, machine_vision.")] = None,
-    resolution: Annotated[TextOption, typer.Option(metavar="WxH", help="Of the frames [px].")] = None,
-    pixel: Annotated[FloatOption, typer.Option("--pixel-um", help="Pixel pitch, binned as filmed [um].")] = None,
-    focal: Annotated[FloatOption, typer.Option("--focal-mm", help="Of the lens [mm].")] = None,
+    resolution: Annotated[TextOption, typer.Option(metavar="WxH", help="Of the frames \\[px].")] = None,
+    pixel: Annotated[FloatOption, typer.Option("--pixel-um", help="Pixel pitch, binned as filmed \\[um].")] = None,
+    focal: Annotated[FloatOption, typer.Option("--focal-mm", help="Of the lens \\[mm].")] = None,
     f_number: Annotated[FloatOption, typer.Option("--f-number", help="Of the lens.")] = None,
     scale: Annotated[FloatOption, typer.Option("--scale-px-per-mm", help="On the plate's upper face.")] = None,
-    field: Annotated[FloatOption, typer.Option("--field-mm", help="Width of the frame on the plate [mm].")] = None,
-    distance: Annotated[FloatOption, typer.Option("--distance-mm", help="Lens to the plate's lower face [mm].")] = None,
-    exposure: Annotated[FloatOption, typer.Option("--exposure-ms", help="None: found by simulation [ms].")] = None,
+    field: Annotated[FloatOption, typer.Option("--field-mm", help="Width of the frame on the plate \\[mm].")] = None,
+    distance: Annotated[
+        FloatOption, typer.Option("--distance-mm", help="Lens to the plate's lower face \\[mm].")
+    ] = None,
+    exposure: Annotated[FloatOption, typer.Option("--exposure-ms", help="None: found by simulation \\[ms].")] = None,
     colour: Annotated[bool, typer.Option("--colour", help="Frames in colour; otherwise grey.")] = False,
     noir: Annotated[bool, typer.Option("--noir", help="--colour: no infrared cut filter.")] = False,
     finger: Annotated[TextOption, typer.Option(help="smooth, ball, ridged, print (human) or pad.")] = None,
-    radius: Annotated[FloatOption, typer.Option("--radius-mm", help="Of the finger's tip, or of a ball [mm].")] = None,
+    radius: Annotated[
+        FloatOption, typer.Option("--radius-mm", help="Of the finger's tip, or of a ball \\[mm].")
+    ] = None,
     modulus: Annotated[FloatOption, typer.Option("--modulus-MPa", help="Young's modulus of the finger [MPa].")] = None,
     silicone: Annotated[TextOption, typer.Option(help="Named silicone, in place of the modulus.")] = None,
-    ridge_height: Annotated[FloatOption, typer.Option("--ridge-height-um", help="[um]")] = None,
-    ridge_width: Annotated[FloatOption, typer.Option("--ridge-width-um", help="[um]")] = None,
-    ridge_pitch: Annotated[FloatOption, typer.Option("--ridge-pitch-um", help="[um]")] = None,
+    ridge_height: Annotated[FloatOption, typer.Option("--ridge-height-um", help="From furrow to crest \\[um].")] = None,
+    ridge_width: Annotated[FloatOption, typer.Option("--ridge-width-um", help="At half height \\[um].")] = None,
+    ridge_pitch: Annotated[FloatOption, typer.Option("--ridge-pitch-um", help="From crest to crest \\[um].")] = None,
     forces: Annotated[TextOption, typer.Option("--forces-N", help="Held forces, e.g. 1,2,5 [N].")] = None,
     board: Annotated[TextOption, typer.Option(metavar="WxH", help="Squares of the checkerboard.")] = None,
-    board_square: Annotated[FloatOption, typer.Option("--board-square-mm", help="Side of its squares [mm].")] = None,
-    square: Annotated[FloatOption, typer.Option("--square-card-mm", help="Side of the square card [mm].")] = None,
+    board_square: Annotated[FloatOption, typer.Option("--board-square-mm", help="Side of its squares \\[mm].")] = None,
+    square: Annotated[FloatOption, typer.Option("--square-card-mm", help="Side of the square card \\[mm].")] = None,
     calibration: Annotated[Path | None, typer.Option(help="JSON of `evanesce calibrate`.")] = None,
     checkerboard: Annotated[
         list[Path] | None, typer.Option("--checkerboard", help="Pictures of the board on the glass, or a folder.")
@@ -194,8 +198,10 @@ def _answers(found: Asked, calibration: Path | None, pictures: list[Path]) -> Ri
     from evanesce.cli.calibrate import _checkerboards, _find
     from evanesce.measurement.calibration.board_print import print_of
 
-    side = answers.board_square_mm if answers.board_square_mm is not None else 1.0
-    boards = _find(_checkerboards(pictures, []), side, None)
+    shown, side = _checkerboards(pictures, []), answers.board_square_mm
+    if side is None:
+        raise InputError("is not given", key="--board-square-mm", allowed="the side of the board's squares [mm]")
+    boards = _find(shown, side, None)
     with named_options({"checker_side_mm": "--board-square-mm"}):
         fit = fit_calibration(boards.views, boards.image_size, pictures=boards)
     name = f"{len(pictures)} picture(s) of the checkerboard, squares of {side:g} mm"
@@ -231,7 +237,26 @@ def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None)
         "provenance": provenance.record(config=scene.as_dict(), preset=preset),
     }  # fmt: skip
     write_json(json_file, record)
-    _show(path, scene, found, preset, [*rig.notes, *_of_preset(preset)], warnings)
+    _show(path, scene, found, preset, [*rig.notes, *_kept(scene, rig.changed, preset), *_of_preset(preset)], warnings)
+
+
+def _kept(scene: Scene, given: frozenset[str], preset: str) -> list[str]:
+    """Return a note of the figures that an option would have set, and that are the preset's."""
+    data, kept = scene.as_dict(), []
+    for key, option in KEYS.items():
+        value: Any = data
+        for part in key.split("."):
+            value = value.get(part) if isinstance(value, dict) else None
+        if value is not None and not any(key == k or key.startswith(f"{k}.") for k in given):
+            text = (
+                ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in value)
+                if isinstance(value, list)
+                else f"{value:g}"
+                if isinstance(value, float)
+                else str(value)
+            )
+            kept.append(f"{key} = {text} ({option})")
+    return [f"not given, the figures of the preset {preset}: {'; '.join(kept)}"] if given and kept else []
 
 
 def _of_preset(preset: str) -> list[str]:

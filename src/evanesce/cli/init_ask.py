@@ -112,6 +112,8 @@ QUESTIONS: tuple[tuple[str, str, Reader], ...] = (
     ("plate_size_mm", "plate, width x height [mm]", lambda t: numbers(t, "answer", 2)),
     ("thickness_mm", "plate, thickness [mm]", number),
     ("material", "plate", one_of(*MATERIALS)),
+    ("index", "plate, refractive index if measured", number),
+    ("absorption_per_mm", "plate, absorption if measured [1/mm]", number),
     ("spectrum", "LEDs", one_of(*SPECTRA)),
     ("led_pitch_mm", "LED to LED [mm]", number),
     ("package", "LED package", one_of(*PACKAGES)),
@@ -124,6 +126,9 @@ QUESTIONS: tuple[tuple[str, str, Reader], ...] = (
     ("f_number", "lens, f-number", number),
     ("field_mm", "width of the frame on the plate [mm]", number),
     ("finger", "finger", one_of(*FINGERS)),
+    ("ridge_height_um", "ridges, from furrow to crest [um]", number),
+    ("ridge_width_um", "ridges, width at half height [um]", number),
+    ("ridge_pitch_um", "ridges, from crest to crest [um]", number),
     ("tip_radius_mm", "radius of the tip, or of a ball [mm]", number),
     ("modulus_MPa", "Young's modulus of the finger [MPa]", number),
     ("forces_N", "forces, e.g. 1,2,5 [N]", lambda t: numbers(t, "answer", None)),
@@ -153,6 +158,8 @@ def ask(preset: str, given: Mapping[str, Any]) -> Asked:
         except InputError as error:
             typer.echo(str(error), err=True)
     found, pictures = dict(given), _pictures()
+    while pictures and found["board_square_mm"] is None:
+        found["board_square_mm"] = _answer("side of the board's squares [mm]", number)
     for name, question, read in QUESTIONS:
         beside = {
             "field_mm": ("scale_px_per_mm", "distance_mm"),
@@ -162,6 +169,8 @@ def ask(preset: str, given: Mapping[str, Any]) -> Asked:
         if found[name] is not None or any(found[other] is not None for other in beside.get(name, ())):
             continue
         if pictures and name in ("field_mm", "resolution_px"):
+            continue
+        if name.startswith("ridge_") and found["finger"] != "ridged":
             continue
         more = f": {', '.join(read.names)}" if isinstance(read, OneOf) else ""
         found[name] = _answer(question + more, read)

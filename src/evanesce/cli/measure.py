@@ -55,7 +55,7 @@ ForceOption = Annotated[
 ]
 OffsetOption = Annotated[
     str,
-    typer.Option("--offset-s", help="Added to a frame's time to get the load cell's [s]; auto: by the loading."),
+    typer.Option("--offset-s", help="Added to a frame's time to get the load cell's \\[s]; auto: by the loading."),
 ]
 CameraModelOption = Annotated[
     str | None,

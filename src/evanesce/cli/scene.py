@@ -70,7 +70,7 @@ def _effect(name: str) -> tuple[Key, ...]:
 
     from evanesce.core.quantities import quantity_of
     from evanesce.effects import all_effects
-    from evanesce.rig.explain import Key
+    from evanesce.rig.explain import Key, words_of
 
     effect_id, _, parameter = name.removeprefix(EFFECTS).partition(".")
     effects = all_effects()
@@ -82,7 +82,10 @@ def _effect(name: str) -> tuple[Key, ...]:
     for own, info in effect.parameters.model_fields.items():
         q = quantity_of(info)
         meaning = (q.doc if q is not None else info.description) or ""
-        found.append(Key(f"{EFFECTS}{effect_id}.{own}", q, info.get_default(), info.is_required(), meaning, told))
+        words = words_of(info.annotation)
+        found.append(
+            Key(f"{EFFECTS}{effect_id}.{own}", q, info.get_default(), info.is_required(), meaning, told, words)
+        )
     chosen = tuple(key for key in found if not parameter or key.name.endswith(f".{parameter}"))
     if not chosen:
         raise InputError(
@@ -109,13 +112,19 @@ def _show(name: str, rows: list[dict[str, Any]], with_value: bool) -> None:
         table.add_column(heading)
     for row in rows:
         value = row.get("value") if with_value else row["default"]
-        cells = (row["key"], row["unit"] or "", _range(row), _text(value), row["in_frame"] or row["meaning"])
+        cells = (
+            row["key"],
+            row["unit"] or "",
+            _range(row) or ", ".join(row["choices"]),
+            _text(value),
+            row["in_frame"] or row["meaning"],
+        )
         table.add_row(*(escape(cell) for cell in cells))
     console.print(table)
 
 
 def _lines(row: dict[str, Any], with_value: bool) -> list[tuple[str, str]]:
-    found = [("unit", row["unit"] or "none")]
+    found = [("one of", ", ".join(row["choices"]))] if row["choices"] else [("unit", row["unit"] or "none")]
     if row["range"] is not None:
         found.append(("range", _range(row)))
     found.append(("default", "none: required" if row["required"] else _text(row["default"])))
@@ -123,7 +132,7 @@ def _lines(row: dict[str, Any], with_value: bool) -> list[tuple[str, str]]:
         found.append(("absent at", _text(row["null"])))
     if row["source"]:
         found.append(("source of the default", row["source"]))
-    if row["in_frame"]:
+    if row["in_frame"] and row["meaning"]:
         found.append(("in the frame", row["in_frame"]))
     if with_value:
         found.append(("value in the scene", _text(row["value"])))

@@ -40,6 +40,8 @@ Floats = NDArray[np.float64]
 
 CACHED_CAMERAS = 2
 """Number of cameras that a process caches; one at 2000 x 1500 takes some 150 MB."""
+CARRIED = {"pressure", "traction.x", "traction.y", "strength"}
+"""Channels of what a contact carries, which neither its light nor its outline need."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,8 @@ class Producer:
         current = self.trial(number)
         ready, i = current.ready, frame - self.job.frames_of(number).start
         truth, time_s = current.trial.truth(i), float(current.trial.time[i])
-        lit, visible = self._visible(current, i, truth.state)
+        carried = not CARRIED.isdisjoint(frame_channels)
+        lit, visible = self._visible(current, i, truth.state, carried)
         if truth.state is not None:
             plain = truth.state
             truth = self._with_contact_effects(truth, ready, frame, time_s)
@@ -243,9 +246,12 @@ class Producer:
 
     @staticmethod
     def _visible(
-        current: _Current, i: int, state: ContactState | None
+        current: _Current, i: int, state: ContactState | None, carried: bool
     ) -> tuple[ContactState | None, ContactState | None]:
-        """Return what light and frame labels are made of: the mean over the exposure, and what its middle sees."""
+        """Return what light and frame labels are made of: the mean over the exposure, and what its middle sees.
+
+        Where rows are exposed one after another, pressure and traction of the second are right only if ``carried``.
+        """
         if state is None:
             return state, state
         camera = current.ready.camera
@@ -258,7 +264,7 @@ class Producer:
         late, visible = np.zeros(state.grid.shape), state
         if camera.readout_s != 0.0:
             late = lateness(scene, state.grid, camera.readout_s)
-            visible = trial.state(i, late)
+            visible = trial.state(i, late, light_alone=not carried)
 
         def outline(moment: Floats) -> ContactState:
             return trial.state(i, moment, light_alone=True)

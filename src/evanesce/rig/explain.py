@@ -6,9 +6,9 @@ import difflib
 import functools
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -40,6 +40,8 @@ class Key:
     meaning : str
     in_frame : str
         What it does to the frame.
+    choices : tuple of str
+        Words that it takes, of those that are words.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Key:
     required: bool
     meaning: str
     in_frame: str
+    choices: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON-able data."""
@@ -55,7 +58,8 @@ class Key:
         return {
             "key": self.name, "unit": None if q is None else q.unit, "range": None if q is None else list(q.bounds),
             "default": self.default, "required": self.required, "null": None if q is None else q.null,
-            "meaning": self.meaning, "source": "" if q is None else q.source, "in_frame": self.in_frame,
+            "choices": list(self.choices), "meaning": self.meaning, "source": "" if q is None else q.source,
+            "in_frame": self.in_frame,
         }  # fmt: skip
 
 
@@ -65,12 +69,29 @@ def scene_keys() -> dict[str, Key]:
     found: dict[str, Key] = {}
     for name, info in _walk(Scene, ""):
         if name in found:  # of several contact laws
+            more = (*found[name].choices, *words_of(info.annotation))
+            found[name] = replace(found[name], choices=tuple(dict.fromkeys(more)))
             continue
         quantity = quantity_of(info)
         meaning = (quantity.doc if quantity is not None else info.description) or ""
         default = None if info.is_required() else info.get_default(call_default_factory=True)
-        found[name] = Key(name, quantity, default, info.is_required(), meaning, frame_effects().get(name, ""))
+        found[name] = Key(
+            name,
+            quantity,
+            default,
+            info.is_required(),
+            meaning,
+            frame_effects().get(name, ""),
+            words_of(info.annotation),
+        )
     return found
+
+
+def words_of(annotation: Any) -> tuple[str, ...]:
+    """Return the words that an annotation admits, of a ``Literal`` anywhere in it."""
+    if get_origin(annotation) is Literal:
+        return tuple(word for word in get_args(annotation) if isinstance(word, str))
+    return tuple(word for inner in get_args(annotation) for word in words_of(inner))
 
 
 @functools.cache

@@ -128,7 +128,7 @@ def test_shear_without_a_slide_or_beyond_it_is_refused():
     ],
 )
 def test_friction_tells_a_liquid_from_a_softer_finger(tmp_path, hidden, cause):
-    scene, way = load_scene("soft_slide", SMALL), np.linspace(0.4, 5.9, 12)
+    scene, way = load_scene("soft_slide", SMALL), np.linspace(0.4, 11.8, 12)
     force = np.exp(SeriesPredictor(scene).log(series(way, np.ones(12), None, SHEAR), hidden))
     force *= np.exp(0.01 * np.random.default_rng(1).standard_normal(12))
     (tmp_path / "series").mkdir()

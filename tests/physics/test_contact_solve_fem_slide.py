@@ -11,6 +11,7 @@ import pytest
 from evanesce.chain.simulate import simulate_press
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.programme import press_programme
+from evanesce.contact.slide import slide_forces, slide_warnings
 from evanesce.contact.solve import contact_grid, contact_sequence, contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight, SurfaceState
@@ -195,3 +196,44 @@ def test_the_simulation_takes_a_slide_frame_by_frame() -> None:
         assert shot.state.tangential_force == state.tangential_force
         assert shot.frame.time == state.time
     assert np.hypot(*shots[-1].state.tangential_force) > 0
+
+
+def test_a_finger_over_a_bone_gives_way_as_its_solved_slide_does() -> None:
+    from evanesce.studies.mechanics.runs import SlideCase, solved_slide
+
+    solved = solved_slide(SlideCase(0.82, "half", "force"))
+    changes = {"contact.bone": "half", "slide.friction_coefficient": 0.82, "slide.distance_mm": 1.6}
+    states = slide_forces(load_scene("thesis_slide", changes))
+    drive = [state.tangential_force[0] / float(state.parameters["drive_stiffness_N_per_mm"])
+             + float(state.parameters["tip_displacement_mm"]) for state in states]  # fmt: skip
+    force = np.interp([0.25, 0.475, 0.9], drive, [state.tangential_force[0] for state in states])
+    wanted = [solved.scalar("tangential_force", way) for way in (0.25, 0.475, 0.9)]
+    # The rate of the solved normal contact is not that of a half-space once it is sheared: some per cent.
+    np.testing.assert_allclose(force, wanted, rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"slide.contact_angle_deg": 30.0, "contact.bone": "half"}, "contact_angle_deg"),
+        ({"slide.contact_angle_deg": 30.0, "slide.shaft": "rigid"}, "contact_angle_deg"),
+    ],
+)
+def test_an_angle_that_would_do_nothing_is_refused(changes: dict, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        slide_forces(load_scene("thesis_slide", changes))
+
+
+def test_slides_beyond_what_their_area_was_made_of_are_told() -> None:
+    assert slide_warnings(load_scene("thesis_slide")) == ()
+    assert slide_warnings(load_scene("thesis")) == ()
+    (soft,) = slide_warnings(load_scene("soft_slide"))
+    assert "extrapolated" in soft
+    (dry,) = slide_warnings(sliding())
+    assert "stays" in dry
+    assert slide_warnings(sliding({"area_under_shear": "constant"})) == ()
+
+
+def test_ridges_of_a_spinning_finger_are_refused() -> None:
+    with pytest.raises(InputError, match="spin_deg_per_s"):
+        load_scene("thesis_ridged", UGLY | {"press": {"forces_N": [0.9]}, "slide": SLIDE | {"spin_deg_per_s": 60.0}})

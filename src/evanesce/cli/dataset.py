@@ -72,13 +72,15 @@ def make(
     from evanesce.dataset.design import split_warning
     from evanesce.dataset.estimate import estimate, require_disk
     from evanesce.dataset.region import crop_warning
+    from evanesce.dataset.rigs import replaced_warning
     from evanesce.dataset.run import require_workers
 
     engine = _engine(workers, scheduler, shard)
     if not dry_run:
         require_workers(engine)
     crop = crop_warning(job.scene, job.config, job.seed, job.trials)
-    for warning in filter(None, (crop, split_warning(job.config, job.seed, job.trials))):
+    aside = replaced_warning(job.scene)
+    for warning in filter(None, (aside, crop, split_warning(job.config, job.seed, job.trials))):
         messages.print(f"warning: {warning}", highlight=False, markup=False)
     guess = estimate(job, engine.workers)
     free = require_disk(out, guess.size // (engine.part[1] if engine.part else 1))

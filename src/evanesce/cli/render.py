@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -97,6 +97,7 @@ def render(
     out: OutOption = None,
 ) -> None:
     """Render a scene's loading programme: frames, raw, OpenEXR with radiance, variance, gap, pressure and mask."""
+    from evanesce.contact.slide import slide_warnings
     from evanesce.contact.solve import check_skin
     from evanesce.effects import active_effects
     from evanesce.rig import copy_scene_files, dump_scene, load_scene, scene_path
@@ -119,12 +120,14 @@ def render(
         loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
         options=options, exr=exr, video=video,
     )  # fmt: skip
+    result["warnings"] = list(slide_warnings(loaded))
     copy_scene_files(loaded, folder)
     write_text(folder / "scene.toml", dump_scene(loaded))
     write_text(folder / "README.txt", _README)
     write_json(folder / "result.json", result)
     write_json(json_file, result)
     _show(result, folder)
+    warn_of_slide(result["warnings"])
 
 
 def _sampling(fast: bool, spp: int | None, passes: int | None, until_error: float | None) -> dict[str, Any]:
@@ -255,6 +258,12 @@ def _show(result: dict[str, Any], folder: Path) -> None:
         )
     console.print(table)
     warn_of_saturation({row["index"]: row["full_scale_share"] for row in result["frames"]})
+
+
+def warn_of_slide(warnings: Iterable[str]) -> None:
+    """Warn of a slide beyond what its area under shear was made of."""
+    for text in warnings:
+        messages.print(f"warning: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def warn_of_saturation(shares: Mapping[int, float]) -> None:

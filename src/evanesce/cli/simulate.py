@@ -16,6 +16,7 @@ from evanesce.cli.render import (
     full_scale_share,
     parse_overrides,
     warn_of_saturation,
+    warn_of_slide,
 )
 
 
@@ -42,6 +43,7 @@ def register(app: typer.Typer) -> None:
         """
         from evanesce.bundle import read_bundle
         from evanesce.bundle.write import write_bundle
+        from evanesce.contact.slide import slide_warnings
         from evanesce.core import provenance
         from evanesce.effects import active_effects
         from evanesce.rig import load_scene, scene_path
@@ -60,6 +62,7 @@ def register(app: typer.Typer) -> None:
             )  # fmt: skip
         found = read_bundle(bundle, decode=False)
         warn_of_saturation({shot.index: full_scale_share(found.frame(shot)) for shot in found.press})
+        warn_of_slide(slide_warnings(loaded))
         console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)
 
 

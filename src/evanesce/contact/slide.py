@@ -21,8 +21,13 @@ from evanesce.contact.ridges.skin import ridge_row_of
 from evanesce.contact.scaling import stiffness_factor
 from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
 from evanesce.contact.sliding.programme import slide_states
-from evanesce.contact.sliding.shaft import shaft_stiffness, tilted_compliance, tip_contact_fits
-from evanesce.contact.sliding.shear_area import Share, bulging_share, peeling_share
+from evanesce.contact.sliding.shaft import (
+    boned_stiffness,
+    shaft_stiffness,
+    tilted_compliance,
+    tip_contact_fits,
+)
+from evanesce.contact.sliding.shear_area import Share, bulging_share, peeling_share, solved_strain
 from evanesce.contact.sliding.states import SlideStates, SlideView
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateGrid
@@ -73,6 +78,42 @@ def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> Con
     if scene.finger.ridges is None:
         return state
     return _with_moving_ridges(scene, state)
+
+
+def slide_warnings(scene: Scene) -> tuple[str, ...]:
+    """Return what is beyond what the area under shear was made of; empty for a scene without slide.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Raises
+    ------
+    InputError
+        As :func:`slide_frame`.
+    """
+    law, slide = scene.contact, scene.slide
+    if slide is None or slide.area_under_shear == "constant" or slide.area_loss_mm2_per_N2 > 0:
+        return ()
+    if isinstance(law, FemLaw):
+        fit, most = silicone_of(scene.finger).mooney_rivlin, solved_strain(law.bone)
+        assert fit is not None  # law fem has one
+        held = slide_programme(scene).normal_force
+        area = math.pi * apply_law(scene, held).contact.contact_radius ** 2
+        shear = max(math.hypot(*state.tangential_force) for state in slide_forces(scene))
+        strain = shear / (area * fit.shear_modulus_MPa * stiffness_factor(scene.finger, held))
+        if strain > most:
+            return (
+                f"area under shear: mean shear strain reaches {strain:.2g}, the slides that it is made of {most:.2g};"
+                " beyond, the share of area stays: frames and areas there are extrapolated",
+            )
+        return ()
+    if _work_of_adhesion(scene) == 0.0 or not isinstance(law, HertzLaw | JkrLaw):
+        return (
+            f"area stays under shear: law {law.law} knows no bulging, and no edge adheres"
+            " (slide.area_loss_mm2_per_N2, finger.work_of_adhesion_N_per_mm, or law fem)",
+        )
+    return ()
 
 
 def slide_forces(scene: Scene) -> list[ContactState]:
@@ -205,6 +246,11 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
         friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
     stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
+    if angle and (_has_bone(scene) or slide.shaft == "rigid"):
+        raise InputError(
+            f"{slide.contact_angle_deg:g} turns a shaft that does not bend", key="slide.contact_angle_deg",
+            allowed='0, or slide.shaft = "silicone" and no bone',
+        )  # fmt: skip
     if slide.stick_slip_drop and math.isinf(stiffness):
         raise InputError(
             f"{slide.stick_slip_drop:g} with a rigid drive", key="slide.stick_slip_drop",
@@ -251,7 +297,7 @@ def _shares(
             )
 
         return [bulged(one.contact_radius, one.normal_force) for one in contacts]
-    work = finger.work_of_adhesion_N_per_mm + (law.work_of_adhesion_N_per_mm if isinstance(law, JkrLaw) else 0.0)
+    work = _work_of_adhesion(scene)
     if work == 0.0 or not isinstance(law, HertzLaw | JkrLaw):
         return None
 
@@ -263,6 +309,13 @@ def _shares(
         peeled(one.normal_force, modulus, stiffness)
         for one, modulus, stiffness in zip(contacts, moduli, tangential, strict=True)
     ]
+
+
+def _work_of_adhesion(scene: Scene) -> float:
+    """Return the finger's own work of adhesion and the law's [N/mm]."""
+    law = scene.contact
+    own = law.work_of_adhesion_N_per_mm if isinstance(law, JkrLaw) else 0.0
+    return scene.finger.work_of_adhesion_N_per_mm + own
 
 
 def _spun(
@@ -302,7 +355,7 @@ def _rest_friction(finger: Finger, slide: Slide) -> InterfaceFriction:
 
 
 def _has_bone(scene: Scene) -> bool:
-    """Return whether a bone, rigid beside silicone, holds the finger: its shaft does not bend."""
+    """Return whether a bone, rigid beside silicone, holds the finger: silicone alone gives way."""
     return isinstance(scene.contact, FemLaw) and scene.contact.bone != "none"
 
 
@@ -314,10 +367,13 @@ def _drive_stiffness(finger: Finger, slide: Slide, force: float, depth: float, a
 
 
 def _shaft_stiffness(finger: Finger, slide: Slide, force: float, depth: float, angle: float, boned: bool) -> float:
-    if slide.shaft == "rigid" or boned:
+    if slide.shaft == "rigid":
         return math.inf
     silicone = silicone_of(finger)
     fit = silicone.mooney_rivlin
+    if boned:
+        assert fit is not None  # law fem has one
+        return boned_stiffness(fit.shear_modulus_MPa * stiffness_factor(finger, force), finger.tip_radius_mm)
     youngs = silicone.youngs_modulus_MPa if fit is None else fit.youngs_modulus_MPa
     youngs *= stiffness_factor(finger, force)
     # the pressed finger is shorter by its depth, where the law has one

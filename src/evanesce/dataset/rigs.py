@@ -77,6 +77,24 @@ def rig_scene(
     return validate(Scene, data, "rig.draw")
 
 
+def replaced_warning(base: Scene) -> str:
+    """Return a sentence on what of a scene's mechanics a data set leaves aside; empty where it keeps all."""
+    data = base.as_dict()
+    finger = data["finger"]
+    aside = []
+    if data["contact"] != {"law": "hertz"}:
+        kept = ", ".join(f"{key} = {value}" for key, value in data["contact"].items())
+        aside.append(f"[contact] {kept} (trials press by hertz; tilts are finger.tilt_deg of the configuration)")
+    own = [key for key in OWN_FIGURES if finger.get(key) is not None]
+    if own:
+        aside.append(f"finger.{own[0]} (trials draw named materials: finger.material of the configuration)")
+    aside += [f"[finger.{key}] (trials draw ridges)" for key in ("ridges", "fingerprint") if finger.get(key)]
+    aside += [f"[{key}] ({why})" for key, why in REPLACED.items() if data.get(key)]
+    return f"data sets do not take from the scene: {'; '.join(aside)}" if aside else ""
+
+
+REPLACED = {"slide": "each trial has its own motion", "environment": "contacts do not depend on rate"}
+"""Tables of a scene that trials leave aside, and why."""
 EXPOSED = 0.9
 """Longest exposure over the time between two frames; the rest resets and reads the pixels."""
 

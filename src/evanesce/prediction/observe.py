@@ -210,8 +210,8 @@ def require_monochrome(bundle: Bundle) -> None:
     """
     if bundle.scene.camera.colour is not None:
         raise InputError(
-            "frames of a colour camera cannot be criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
-            allowed="a scene without this table, for a monochrome camera",
+            "frames in colour cannot be fitted or criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
+            allowed="a scene without this table: frames are then read as grey",
         )  # fmt: skip
 
 

@@ -7,6 +7,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+BONED = 3.1
+"""Stiffness along the slide of the silicone between contact and bone, over shear modulus and tip radius [1]: that of
+the solved slides over a bone of half the width at 1 N, less a half-space's compliance; 2 % less on the finer mesh."""
+
 
 def tilted_compliance(axial_stiffness: float, bending_stiffness: float, angle: float) -> Floats:
     """Return the 2 x 2 compliance [mm/N] of a finger tilted in the sliding plane; axes (tangential, normal).
@@ -37,6 +41,21 @@ def tilted_compliance(axial_stiffness: float, bending_stiffness: float, angle: f
         raise ValueError(f"contact angle {np.degrees(angle):g} deg is not between 0 and 90")
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     return turn.T @ np.diag([1.0 / bending_stiffness, 1.0 / axial_stiffness]) @ turn
+
+
+def boned_stiffness(shear_modulus: float, tip_radius: float) -> float:
+    """Return the stiffness along the slide of a finger that a rigid bone holds, in series with its contact [N/mm].
+
+    A linear solid's, by its geometry alone: that of the slides solved by finite elements, whatever the tilt.
+
+    Parameters
+    ----------
+    shear_modulus : float
+        [MPa].
+    tip_radius : float
+        [mm].
+    """
+    return BONED * shear_modulus * tip_radius
 
 
 def shaft_stiffness(

@@ -83,6 +83,16 @@ def _solved() -> dict[str, tuple[Floats, Floats]]:
     return {bone: (np.array(one["shear"]), np.array(one["share"])) for bone, one in tables.items()}
 
 
+def solved_strain(bone: str) -> float:
+    """Return the largest mean shear strain Q/(A G) of the solved slides [1], beyond which the share of area stays.
+
+    Parameters
+    ----------
+    bone : {"none", "half"}
+    """
+    return float(_solved()[bone][0][-1])
+
+
 def bulging_share(area: float, shear_modulus: float, bone: str) -> Share:
     """Return the share of area that is left under a shear force [N], by finite elements.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -165,3 +167,25 @@ def test_what_is_no_liquid_is_refused() -> None:
         scene(liquid={"volume_uL": 1.0, "refractive_index": 1.7})
     with pytest.raises(InputError, match=r"liquid\.volume_uL"):
         scene(liquid={"volume_uL": -1.0})
+
+
+def test_a_vanishing_volume_leaves_dry_friction() -> None:
+    dry, oil = coulomb(0.67), {"viscosity_mPa_s": 200.0, "roughness_um": 1.0}
+
+    def factor(volume: float) -> float:
+        wet = lubricated(dry, Liquid(volume_uL=volume, **oil), force=1.0, area=18.0, radius=7.5, modulus=0.77)
+        return float(wet.speed_factor(5.0))
+
+    full = factor(100.0)
+    assert full < 0.3
+    assert factor(2.0) == pytest.approx(full, rel=1e-12)  # as much as the film takes up
+    assert factor(1e-6) == pytest.approx(float(dry.speed_factor(5.0)), rel=1e-3)
+    some = [factor(v) for v in (1e-6, 3e-3, 1e-2, 1.5e-2, 2e-2, 1.0)]
+    assert all(a >= b for a, b in pairwise(some))
+
+
+def test_a_volume_that_finds_no_room_is_told() -> None:
+    state = contact_state(load_scene("wet", {"liquid.volume_uL": 1000.0}), 1.0)
+    room = np.asarray(state.gap)[np.asarray(state.contact_mask) < 1.0].sum() * state.grid.pitch**2
+    assert state.parameters["liquid_left_uL"] == pytest.approx(1000.0 - room, rel=1e-6)
+    assert contact_state(load_scene("wet"), 1.0).parameters["liquid_left_uL"] == 0.0

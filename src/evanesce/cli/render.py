@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -120,7 +120,7 @@ def render(
         loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
         options=options, exr=exr, video=video,
     )  # fmt: skip
-    result["warnings"] = list(slide_warnings(loaded))
+    result["warnings"] = [*slide_warnings(loaded), *_flooded(result["frames"])]
     copy_scene_files(loaded, folder)
     write_text(folder / "scene.toml", dump_scene(loaded))
     write_text(folder / "README.txt", _README)
@@ -211,7 +211,11 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
     assert shot.contact is not None
     slides = {
         name: shot.contact.parameters[key]
-        for name, key in (("tip_displacement_mm", "tip_displacement_mm"), ("torque_N_mm", "torque_N_mm"))
+        for name, key in (
+            ("tip_displacement_mm", "tip_displacement_mm"),
+            ("torque_N_mm", "torque_N_mm"),
+            ("liquid_left_uL", "liquid_left_uL"),
+        )
         if key in shot.contact.parameters
     } | ({"tangential_force_N": list(shot.contact.tangential_force)} if shot.contact.traction is not None else {})
     return {
@@ -258,6 +262,12 @@ def _show(result: dict[str, Any], folder: Path) -> None:
         )
     console.print(table)
     warn_of_saturation({row["index"]: row["full_scale_share"] for row in result["frames"]})
+
+
+def _flooded(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a warning where a liquid finds no room about the contact."""
+    left = max((row.get("liquid_left_uL", 0.0) for row in rows), default=0.0)
+    return [f"liquid: {left:.3g} uL find no room on the sampled plane (grid.size_mm)"] if left else []
 
 
 def warn_of_slide(warnings: Iterable[str]) -> None:

@@ -10,7 +10,10 @@ u half the sliding speed, E' = 2 E*. Asperities of Gaussian height of standard d
 erfc(h/(s sqrt 2)) of those that touch without it, and keep that share of dry friction; sheared liquid adds eta v/h on
 the area. That is the curve of Stribeck: boundary, mixed, full film.
 
-No squeeze flow, no starvation beyond the volume, no capillary force: for water on a tip of 7.5 mm it is at most
+The film is no thicker than the volume on the contact's area, and less than fills the roughness is sheared in that share
+of it. The asperities' share is that of the steady speed, so that no peak of static friction precedes the slide.
+
+No squeeze flow, no capillary force: for water on a tip of 7.5 mm it is at most
 4 pi R gamma = 7 mN.
 
 References: B. J. Hamrock and D. Dowson, J. Lubrication Tech. 100 (1978) 236; J. A. Greenwood and J. B. P. Williamson,
@@ -70,17 +73,20 @@ def wetted_state(state: ContactState, liquid: Liquid) -> ContactState:
     Returns
     -------
     ContactState
-        With ``wetted``; the state itself without liquid. Contact and its area are what they were.
+        With ``wetted``; the state itself without liquid. Contact and its area are what they were; ``liquid_left_uL`` is
+        what finds no room on the grid.
     """
     if liquid.volume_uL == 0.0:
         return state
     mask, gap = np.asarray(state.contact_mask, dtype=float), np.asarray(state.gap, dtype=float)
     dry = mask < 1.0
-    height = fill_height(np.maximum(gap[dry], 0.0), state.grid.pitch**2, liquid.volume_uL)
+    room = np.maximum(gap[dry & np.isfinite(gap)], 0.0)
+    height = fill_height(room, state.grid.pitch**2, liquid.volume_uL)
+    left = max(liquid.volume_uL - float(room.sum()) * state.grid.pitch**2, 0.0)
     # The rim crosses a cell over as much of a gap as the cell's own slope spans.
     slope = np.hypot(*np.gradient(np.where(np.isfinite(gap), gap, 2.0 * height), state.grid.pitch)) * state.grid.pitch
     inside = np.clip(0.5 + (height - gap) / np.maximum(slope, 1e-12), 0.0, 1.0)
-    named = {"liquid_height_mm": height, "liquid_refractive_index": liquid.refractive_index}
+    named = {"liquid_height_mm": height, "liquid_refractive_index": liquid.refractive_index, "liquid_left_uL": left}
     return replace(state, wetted=np.where(dry, inside, 1.0), parameters={**state.parameters, **named})
 
 
@@ -98,12 +104,15 @@ class LubricatedFriction(InterfaceFriction):
         Thickness of the film at 1 mm/s [mm].
     pressure : float
         Mean over the contact [MPa].
+    supply : float
+        Volume over the contact's area: no film is thicker [mm].
     """
 
     viscosity: float = 0.0
     roughness: float = 1.0
     film_at_1: float = 0.0
     pressure: float = 1.0
+    supply: float = math.inf
 
     def film(self, speed: float) -> float:
         """Return the thickness of the film [mm].
@@ -117,7 +126,7 @@ class LubricatedFriction(InterfaceFriction):
         -------
         float
         """
-        return self.film_at_1 * speed**0.64
+        return min(self.film_at_1 * speed**0.64, self.supply)
 
     def speed_factor(self, speed: object) -> Floats:
         """Return friction over dry friction at rest: the asperities' share by speed, and the liquid's shear.
@@ -132,10 +141,11 @@ class LubricatedFriction(InterfaceFriction):
         ndarray
         """
         v = np.asarray(speed, dtype=float)
-        film = self.film_at_1 * v**0.64
+        film = np.minimum(self.film_at_1 * v**0.64, self.supply)
         share = erfc(film / (self.roughness * math.sqrt(2.0)))
         # A film thinner than the roughness is sheared between the asperities' flanks.
-        shear = self.viscosity * v / np.maximum(film, self.roughness)
+        wet = min(self.supply / self.roughness, 1.0)
+        shear = wet * self.viscosity * v / np.maximum(film, self.roughness)
         return np.asarray(super().speed_factor(v) * share + shear / (self.tau0 + self.alpha * self.pressure))
 
 
@@ -169,5 +179,6 @@ def lubricated(
     film = radius * 7.32 * (1.0 - 0.72 * math.exp(-0.28)) * speed**0.64 * load**-0.22
     own = {name: getattr(friction, name) for name in InterfaceFriction.__dataclass_fields__}
     return LubricatedFriction(
-        **own, viscosity=viscosity, roughness=1e-3 * liquid.roughness_um, film_at_1=film, pressure=force / area
-    )
+        **own, viscosity=viscosity, roughness=1e-3 * liquid.roughness_um, film_at_1=film, pressure=force / area,
+        supply=liquid.volume_uL / area,
+    )  # fmt: skip

@@ -33,6 +33,8 @@ def test_the_drawn_ridges_explain_the_reported_ratio_and_the_moulded_ones_do_not
 def test_values_follow_from_the_solved_contacts(found: dict[str, Outcome]) -> None:
     slide = solved_slide(SlideCase(1.13, "half", "depth")).scalars["normal_force"]
     held = found["normal force at held depth, mu 1.13"]
+    assert "with bone to 2.1 mm" in held.note  # Newton's steps end there
+    assert found["normal force at held depth, mu 0.67 (thesis: as mu)"].note == ""
     assert held.value == pytest.approx(slide.max() / slide[0] - 1.0)
     assert held.moves[0] < 0 < held.moves[1]  # without a bone the sign is wrong
     stout, short = (solved_press("silskin_0", name, "none").area(1.0) for name in ("stout", "short"))
@@ -47,4 +49,4 @@ def test_friction_of_a_tilted_sphere_is_that_of_an_upright_one(found: dict[str, 
     assert (tilted.value, tilted.agrees) == (0.0, False)
     # 14 % of 1.13 asks for 18 % more area at alpha 0.2324
     assert 0.14 / tilted.moves[1] * 0.1 == pytest.approx(0.14 * 1.13 / (1.13 - 0.2324), rel=1e-9)
-    assert found["static friction at 45 over 0 deg, less 1, Silskin 20 %"].agrees
+    assert not tilted.counted

@@ -7,13 +7,13 @@ inputs. Each row names the assumption that moves it most, and from where to wher
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.fem.library import library_press
+from evanesce.contact.fem.library import LibrarySlide, library_press
 from evanesce.materials.tables import material
 from evanesce.studies.mechanics.ridges import press_ratios
 from evanesce.studies.mechanics.runs import BONES, SlideCase, solved_press, solved_slide
@@ -25,6 +25,9 @@ DESIGNED_MM = 0.1
 """Height of the ridges as drawn (table 4), which finite elements on the drawing have; moulded: 0.048 mm."""
 RATE_MM_PER_MIN = 5.0
 OVERSHOOT, FORCE = 0.72, 1.0
+SLIPPING = 0.99
+"""Pull over the sliding force from which a slide counts as gross [1]."""
+BONE_NAMES = {"none": "solid", "half": "with bone"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +42,10 @@ class Outcome:
         The named assumption that moves the value most.
     moves : tuple of float
         The value at that assumption's two ends.
+    counted : bool
+        Whether something was computed; otherwise the value holds by symmetry, and agreement says nothing.
+    note : str
+        How far the computation reaches.
     """
 
     what: str
@@ -49,6 +56,8 @@ class Outcome:
     high: float
     moved_by: str
     moves: tuple[float, float]
+    counted: bool = True
+    note: str = ""
 
     @property
     def agrees(self) -> bool:
@@ -71,11 +80,12 @@ def outcomes() -> Iterator[Outcome]:
 
 
 def _outcome(
-    what: str, unit: str, thesis: float, value: float, others: Floats, moved_by: str, ends: tuple[float, float]
-) -> Outcome:
+    what: str, unit: str, thesis: float, value: float, others: Floats, moved_by: str, ends: tuple[float, float],
+    *, counted: bool = True, note: str = "",
+) -> Outcome:  # fmt: skip
     every = [value, *np.asarray(others, dtype=float).ravel().tolist()]
     return Outcome(what=what, unit=unit, thesis=thesis, value=value, low=min(every), high=max(every),
-                   moved_by=moved_by, moves=ends)  # fmt: skip
+                   moved_by=moved_by, moves=ends, counted=counted, note=note)  # fmt: skip
 
 
 def _ridged() -> Outcome:
@@ -91,16 +101,23 @@ def _ridged() -> Outcome:
 
 def _held_depth() -> Iterator[Outcome]:
     for friction in (1.13, 0.82, 0.67):
-        found = {bone: overshoot(solved_slide(SlideCase(friction, bone, "depth"))) for bone in BONES}
-        if friction == 1.13:
-            yield _outcome("normal force at held depth, mu 1.13", "1", OVERSHOOT, found["half"],
-                           np.array(list(found.values())), "bone: none to half the radius",
-                           (found["none"], found["half"]))  # fmt: skip
-        else:
-            # "proportional to the coefficient" is what the thesis says of the other two
-            yield _outcome(f"normal force at held depth, mu {friction:g} (as mu)", "1", OVERSHOOT * friction / 1.13,
-                           found["half"], np.array(list(found.values())), "bone: none to half the radius",
-                           (found["none"], found["half"]))  # fmt: skip
+        slides = {bone: solved_slide(SlideCase(friction, bone, "depth")) for bone in BONES}
+        found = {bone: overshoot(slide) for bone, slide in slides.items()}
+        # "proportional to the coefficient" is what the thesis says of the other two
+        as_mu = "" if friction == 1.13 else " (thesis: as mu)"
+        yield _outcome(f"normal force at held depth, mu {friction:g}{as_mu}", "1", OVERSHOOT * friction / 1.13,
+                       found["half"], np.array(list(found.values())), "bone: none to half the radius",
+                       (found["none"], found["half"]), note=_reached(slides, friction))  # fmt: skip
+
+
+def _reached(slides: Mapping[str, LibrarySlide], friction: float) -> str:
+    """Return where slides ended whose finger as a whole did not yet slip; empty for none."""
+    ends = []
+    for bone, slide in slides.items():
+        way, pull, load = (float(slide.scalars[name][-1]) for name in ("slide", "tangential_force", "normal_force"))
+        if pull < SLIPPING * friction * load:
+            ends.append(f"{BONE_NAMES[bone]} to {way:.2g} mm, at {pull / load:.3g} of {friction:g}")
+    return f"solved before gross slip: {'; '.join(ends)}" if ends else ""
 
 
 def _ratio(name: str, over: str, under: str, bone: str) -> float:
@@ -135,7 +152,8 @@ def _tilted() -> Iterator[Outcome]:
         # mu = tau0 A/N + alpha: what a tenth more area would do
         tenth = 0.1 * (upright - friction.alpha) / upright
         yield _outcome(f"static friction at 45 over 0 deg, less 1, {title}", "1", thesis, 0.0, np.zeros(1),
-                       "area: +0 to +10 %, by tau0 A/N + alpha", (0.0, tenth))  # fmt: skip
+                       "area: +0 to +10 %, by tau0 A/N + alpha", (0.0, tenth), counted=False,
+                       note="by symmetry of a sphere: not counted")  # fmt: skip
 
 
 def _time() -> Outcome:

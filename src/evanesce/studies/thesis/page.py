@@ -43,7 +43,8 @@ def findings(found: ThesisStudy) -> Findings:
         for some in (simulated, [entry for entry in entries if not entry.simulated])
     )
     far = Counter(entry.figure for entry in entries if not entry.agrees)
-    agreeing = sum(one.agrees for one in found.outcomes)
+    counted = [one for one in found.outcomes if one.counted]
+    agreeing = sum(one.agrees for one in counted)
     verdict = [
         f"{agreed} of the thesis's figures that were simulated lie in the interval that its own inputs leave; of those"
         f" that only compare the thesis's own laws, without simulation, {published}. Intervals are no"
@@ -54,7 +55,7 @@ def findings(found: ThesisStudy) -> Findings:
         else "None lies outside.",
         _scattering_sentence(seen),
         f"Textured against smooth, short against long, the larger tip and the bone are predictions: {agreeing} of"
-        f" {len(found.outcomes)} of the figures that sections 6.4 to 6.6 report lie in their interval.",
+        f" {len(counted)} of the figures that sections 6.4 to 6.6 report lie in their interval.",
     ]
     tables = [_outcome_table(found.outcomes), _prediction_table(stated)]
     for figure in dict.fromkeys(entry.figure for entry in entries):
@@ -102,7 +103,7 @@ def _scattering_sentence(seen: Sequence[Mapping[str, Any]]) -> str:
 
 def _outcome_table(reported: Sequence[Outcome]) -> Table:
     return Table(
-        columns=("reported", "thesis", "from its inputs", "interval", "moved most by", "from to", "verdict"),
+        columns=("reported", "thesis", "from its inputs", "interval", "moved most by", "from to", "verdict", "note"),
         rows=[
             (
                 f"{one.what} [{one.unit}]",
@@ -112,6 +113,7 @@ def _outcome_table(reported: Sequence[Outcome]) -> Table:
                 one.moved_by,
                 f"{one.moves[0]:.3g} to {one.moves[1]:.3g}",
                 "within" if one.agrees else "outside",
+                one.note,
             )
             for one in reported
         ],

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from evanesce.bench.compression import MooneyRivlinFit
 from evanesce.bench.dma import DmaTable
 from evanesce.bench.friction import FrictionResult, FrictionTrace, Spectrum, coefficient_of_friction
+from evanesce.bench.friction_lines import Line
 from evanesce.bench.indentation import IndentationResult
 from evanesce.bench.profile import RidgeResult
 from evanesce.bench.statistics import histogram, kernel_density_mode
@@ -162,13 +163,15 @@ def histogram_figure(values: Mapping[str, Floats], label: str) -> Figure:
     return figure
 
 
-def spectrum_figure(spectrum: Spectrum, label: str) -> Figure:
+def spectrum_figure(spectrum: Spectrum, label: str, line: Line | None = None) -> Figure:
     """Return a power spectral density on logarithmic axes, its peak marked; ``label`` names the unit.
 
     Parameters
     ----------
     spectrum : Spectrum
     label : str
+    line : Line, optional
+        Background of coloured noise, and what of noise alone hardly exceeds it.
 
     Returns
     -------
@@ -177,6 +180,13 @@ def spectrum_figure(spectrum: Spectrum, label: str) -> Figure:
     figure, (axis,) = _figure(1)
     shown = spectrum.frequency > 0
     axis.loglog(spectrum.frequency[shown], np.maximum(spectrum.density[shown], 1e-30), lw=0.8)
+    if line is not None and line.background.any():
+        axis.loglog(spectrum.frequency[shown], line.background[shown], lw=1, color="0.3", label="red and white noise")
+        most = line.threshold * line.background[shown]
+        axis.loglog(
+            spectrum.frequency[shown], most, "--", lw=1, color="0.3", label="noise alone exceeds it once in 100"
+        )
+        axis.legend(frameon=False)
     if np.isfinite(spectrum.peak):
         axis.axvline(spectrum.peak, color="C1", lw=1, label=f"peak at {spectrum.peak:.4g} Hz")
         axis.legend(frameon=False)

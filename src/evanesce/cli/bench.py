@@ -87,17 +87,27 @@ def friction(
         list[str] | None, typer.Option("--group", help="Group of each file, in their order (repeatable).")
     ] = None,
     smoothing: Annotated[float | None, typer.Option("--smoothing-s", help="Window for the static peak.")] = None,
+    speed: Annotated[
+        list[float] | None,
+        typer.Option("--speed-mm-per-s", help="Of the drive, for each file: tells stick-slip from the machine."),
+    ] = None,
     json_file: JsonOption = None,
     out: OutOption = None,
 ) -> None:
-    """Static and dynamic coefficient, stick-slip frequency; repeatability and ANOVA over several slides."""
+    """Static and dynamic coefficient, stick-slip and its significance; repeatability and ANOVA over several slides."""
     check_json_target(json_file)
     groups = group or ["all"] * len(files)
     if len(groups) != len(files):
         raise InputError(f"{len(groups)} groups for {len(files)} files", key="--group", allowed="one for each file")
     if smoothing is not None and not smoothing > 0:
         raise InputError(f"{smoothing:g}", key="--smoothing-s", allowed="above 0 s")
-    result, folder = output.write_friction(files, groups, smoothing, out)
+    if speed and len(speed) != len(files):
+        raise InputError(
+            f"{len(speed)} speeds for {len(files)} files", key="--speed-mm-per-s", allowed="one for each file"
+        )
+    if speed and not all(0.0 < v < 1e4 for v in speed):
+        raise InputError(", ".join(f"{v:g}" for v in speed), key="--speed-mm-per-s", allowed="above 0, to 10000 mm/s")
+    result, folder = output.write_friction(files, groups, smoothing, speed or [], out)
     output.finish(result, json_file, folder)
 
 

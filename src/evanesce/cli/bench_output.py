@@ -230,9 +230,11 @@ def write_dma(file: Path, reference: float | None, out: Path | None) -> Result:
     return result, folder
 
 
-def write_friction(files: list[Path], groups: list[str], smoothing: float | None, out: Path | None) -> Result:
-    """Reduce slides, one file each, and compare their groups; smoothing of the static peak [s]."""
-    from evanesce.bench import friction, statistics
+def write_friction(
+    files: list[Path], groups: list[str], smoothing: float | None, speeds: list[float], out: Path | None
+) -> Result:
+    """Reduce slides, one file each, and compare their groups; smoothing of the static peak [s], speeds [mm/s]."""
+    from evanesce.bench import friction, friction_lines, statistics
     from evanesce.bench import plots as bench_plots
 
     traces = [friction.read_trace(file) for file in files]
@@ -242,7 +244,7 @@ def write_friction(files: list[Path], groups: list[str], smoothing: float | None
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError("given twice", file=twice, allowed="each slide once")
-    results, stable, spectra = [], {}, []
+    results, stable, spectra, lines = [], {}, [], []
     for file, name, trace in zip(files, names, traces, strict=True):
         with names_file(file):
             result = friction.analyse(trace, smoothing_s=smoothing)
@@ -252,12 +254,14 @@ def write_friction(files: list[Path], groups: list[str], smoothing: float | None
         known = np.isfinite(coefficient)
         stable[name] = coefficient[known]
         spectra.append(friction.spectrum(trace.time[inside][known], coefficient[known]))
+        with names_file(file):
+            lines.append(friction_lines.line_of(trace.time[inside][known], coefficient[known]))
     folder = out_dir(out, "bench-friction")
     write_figure(folder / "friction.png", bench_plots.friction_figure(traces, results, names))
     write_figure(
         folder / "histogram.png", bench_plots.histogram_figure(stable, "coefficient of friction, stable region [1]")
     )
-    write_figure(folder / "spectrum.png", bench_plots.spectrum_figure(spectra[0], "1"))
+    write_figure(folder / "spectrum.png", bench_plots.spectrum_figure(spectra[0], "1", lines[0]))
     slides = [
         {
             "file": file.name if name == file.stem else name,
@@ -266,20 +270,49 @@ def write_friction(files: list[Path], groups: list[str], smoothing: float | None
             "mode": statistics.kernel_density_mode(stable[name]),
             "peak_frequency_hz": spectrum.peak,
             "peak_share": spectrum.peak_share,
+            "line": {
+                "frequency_hz": line.frequency, "over_background": line.over_background, "p_value": line.p_value,
+                "found": line.found,
+            },
         }
-        for file, name, group, result, spectrum in zip(files, names, groups, results, spectra, strict=True)
-    ]
+        for file, name, group, result, spectrum, line in zip(
+            files, names, groups, results, spectra, lines, strict=True
+        )
+    ]  # fmt: skip
     table = Table(title="friction", caption="dynamic: median +- robust spread over the stable region")
-    for heading in ("file", "group", "static", "dynamic", "mode", "strongest frequency"):
+    for heading in ("file", "group", "static", "dynamic", "mode", "strongest frequency", "line [Hz]", "p of noise"):
         table.add_column(heading)
     for slide in slides:
         table.add_row(
             slide["file"], slide["group"], f"{slide['static']:.4f}",
             f"{slide['dynamic']:.4f} +- {slide['dynamic_spread']:.4f}",
             f"{slide['mode']:.4f}", f"{slide['peak_frequency_hz']:.4g} Hz ({slide['peak_share']:.0%})",
+            f"{slide['line']['frequency_hz']:.4g}" if slide["line"]["found"] else "-",
+            f"{slide['line']['p_value']:.2g}",
         )  # fmt: skip
     console.print(table)
-    return {"test": "friction", "slides": slides, **_compare(groups, results)}, folder
+    return {
+        "test": "friction", "slides": slides, "line_source": _line_source(lines, speeds), **_compare(groups, results)
+    }, folder  # fmt: skip
+
+
+def _line_source(lines: list[Any], speeds: list[float]) -> dict[str, Any] | None:
+    """Return, and say, whether lines go with the speed of the drive; None where that cannot be told."""
+    from evanesce.bench.friction_lines import source_of
+
+    found = source_of(lines, speeds) if speeds else None
+    if found is None:
+        if speeds:
+            console.print("lines at fewer than two speeds: neither stick-slip nor the machine can be told")
+        return None
+    said = {
+        "interface": "stick-slip of the interface (1)", "machine": "the machine's own vibration (0)",
+        "open": "open: neither stick-slip (1) nor the machine (0) alone",
+    }[found.verdict]  # fmt: skip
+    console.print(
+        f"lines go with speed to the power {found.exponent:.2f} (95 %: {found.low:.2f} to {found.high:.2f}): {said}"
+    )
+    return {**asdict(found), "verdict": found.verdict}
 
 
 def _compare(groups: list[str], results: list[Any]) -> dict[str, Any]:

@@ -48,6 +48,21 @@ def test_a_thick_layer_is_a_half_space() -> None:
     np.testing.assert_allclose(thick.pressure, endless.pressure, atol=0.02 * endless.pressure.max())
 
 
+def test_the_shipped_finger_touches_on_about_the_area_of_real_ones() -> None:
+    # the least of the laws quoted in the thesis's section 5.5: 70.9 F^0.36 mm^2 (Dzidek et al., index finger at 45 deg)
+    human = load_scene("human_print")
+    smooth = {"finger.modulus_MPa": human.finger.modulus_MPa, "finger.tip_radius_mm": human.finger.tip_radius_mm,
+              "finger.diameter_mm": 2 * human.finger.tip_radius_mm, "grid.size_mm": 20.0}  # fmt: skip
+    contact = {"law": "halfspace", "layer_mm": human.contact.layer_mm}
+    forces = np.array([0.5, 1.0, 2.0, 5.0])
+    areas = [
+        contact_state(load_scene("thesis", HUMAN | smooth | {"contact": contact}), f).nominal_contact_area
+        for f in forces
+    ]
+    ratio = areas / (70.9 * forces**0.36)
+    assert 0.7 < ratio[0] < ratio[1] < 0.9 < ratio[2] < 1.0 < ratio[3] < 1.15
+
+
 def test_area_laws_lie_between_a_half_space_and_a_thin_layer() -> None:
     # literature, thesis section 5.5: exponents 0.36 to 0.42; Hertz 2/3, a thin incompressible layer 1/3
     forces, exponents = np.array([0.3, 1.0, 3.0]), []

@@ -193,6 +193,7 @@ def test_a_key_tells_unit_range_and_source() -> None:
     assert key.as_dict() | {"in_frame": ""} == {
         "key": "plate.thickness_mm", "unit": "mm", "range": [0.1, 50.0], "default": 6.0, "required": False,
         "null": None, "meaning": "thickness", "source": "thesis, chapter 5", "in_frame": "",
+            "choices": [],
     }  # fmt: skip
     assert len(explained("leds.circuit")) == 13
     assert explained("leds.edge.left.voltage_V")[0].name == "leds.edge.EDGE.voltage_V"

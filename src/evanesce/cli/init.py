@@ -237,7 +237,8 @@ def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None)
         "provenance": provenance.record(config=scene.as_dict(), preset=preset),
     }  # fmt: skip
     write_json(json_file, record)
-    _show(path, scene, found, preset, [*rig.notes, *_kept(scene, rig.changed, preset), *_of_preset(preset)], warnings)
+    given = rig.changed | ({"camera.exposure_ms"} if automatic else set())
+    _show(path, scene, found, preset, [*rig.notes, *_kept(scene, given, preset), *_of_preset(preset)], warnings)
 
 
 def _kept(scene: Scene, given: frozenset[str], preset: str) -> list[str]:

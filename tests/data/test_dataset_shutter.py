@@ -154,7 +154,7 @@ def test_an_exposure_smears_what_moves_without_a_rolling_shutter_and_leaves_the_
     for i in (rest, gross):
         current = slow.trial(0)
         state = current.trial.truth(i).state
-        lit, visible = slow._visible(current, i, state)
+        lit, visible = slow._visible(current, i, state, True)
         assert visible is state
         assert (lit is state) == (i == rest)
         assert fast.record(i).members["mask.png"] == slow.record(i).members["mask.png"]

@@ -238,7 +238,23 @@ def test_sensor_of_a_stack_and_the_scene_with_its_keys(run, tmp_path):
     assert json.loads((tmp_path / "r.json").read_text()) == result
     scene = load_scene(str(tmp_path / "o" / "scene.toml"))
     assert scene.camera.pixel.conversion_gain_e_per_DN == pytest.approx(one["gain_e_per_DN"], rel=1e-4)
-    assert scene.camera.pixel.black_level_DN == 256.0
+    assert scene.camera.pixel.black_level_DN == pytest.approx(256.0, abs=0.05)  # mean of 24,000 covered samples
+
+
+def test_covered_exposures_too_few_for_a_dark_current_are_told(run, tmp_path):
+    folder = drawn_stack(tmp_path / "s")
+    rng, more = np.random.default_rng(3), []
+    for exposure in (1.0, 4.0):
+        for k in range(2):
+            charge = rng.poisson(50.0 * exposure, (100, 120)) + 4.0 * rng.normal(size=(100, 120))
+            np.save(folder / f"d{exposure:g}_{k}.npy", np.rint(charge / 2.0 + 256).astype(np.uint16))
+            more.append(f"d{exposure:g}_{k}.npy,{exposure},0")
+    with (folder / "stack.csv").open("a") as stream:
+        stream.write("\n" + "\n".join(more))
+    result = done(run("sensor", folder, "--out", tmp_path / "o"), tmp_path / "o", "photon_transfer.png")
+    assert result["dark"] == []
+    (note,) = result["notes"]
+    assert "3 exposures, 5 needed" in note
 
 
 def test_sensor_of_tables(run, tmp_path):

@@ -1,4 +1,4 @@
-"""The data card and the audit count the same trials as textured."""
+"""The data card and the audit count the same trials as textured; what of a scene is not taken is told."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from evanesce.cli.app import app
 from evanesce.dataset.audit_checks import TEXTURED, open_core
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.data_card import _keeps_texture
 from evanesce.dataset.design import trial_plan
 from evanesce.dataset.planar_trial import trial_of
-from evanesce.dataset.rigs import plate_grid, rig_scene, rig_with_effects
+from evanesce.dataset.rigs import plate_grid, replaced_warning, rig_scene, rig_with_effects
 from evanesce.rig import load_scene
 
 
@@ -27,3 +29,17 @@ def test_the_cards_closed_form_counts_as_the_maps_do(number, textured):
     measured = open_core(SimpleNamespace(map=lambda name: np.asarray(getattr(held.state, name))))
     assert (measured >= TEXTURED) is textured
     assert _keeps_texture(plan) is textured
+
+
+def test_what_a_data_set_leaves_of_a_scene_is_told(tmp_path):
+    assert replaced_warning(load_scene("thesis")) == ""
+    told = replaced_warning(load_scene("soft_slide"))
+    assert all(word in told for word in ("law = fem", "[slide]", "[environment]"))
+    own = load_scene("thesis", {"finger.material": "own", "finger.modulus_MPa": 0.3, "assumptions": {}})
+    assert "finger.modulus_MPa" in replaced_warning(own)
+    done = CliRunner().invoke(
+        app,
+        ["dataset", "make", "soft_slide", "--n", "80", "--size", "320x240", "--dry-run", "--out", str(tmp_path / "d")],
+    )
+    assert done.exit_code == 0, done.output
+    assert "law = fem" in " ".join(done.stderr.split())

@@ -12,9 +12,11 @@ from evanesce.chain.simulate import simulate_press
 from evanesce.contact.fem.library import library_press
 from evanesce.contact.programme import press_programme
 from evanesce.contact.slide import slide_forces, slide_warnings
+from evanesce.contact.sliding.shaft import boned_stiffness
 from evanesce.contact.solve import contact_grid, contact_sequence, contact_state
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, PlateLight, SurfaceState
+from evanesce.materials.tables import material
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
 
@@ -210,6 +212,19 @@ def test_a_finger_over_a_bone_gives_way_as_its_solved_slide_does() -> None:
     wanted = [solved.scalar("tangential_force", way) for way in (0.25, 0.475, 0.9)]
     # The rate of the solved normal contact is not that of a half-space once it is sheared: some per cent.
     np.testing.assert_allclose(force, wanted, rtol=0.05)
+
+
+@pytest.mark.parametrize(("check", "share"), [(False, 1.0), (True, 0.99)])
+def test_silicone_round_a_bone_is_what_the_solved_slides_lack_of_a_half_space(check: bool, share: float) -> None:
+    from evanesce.studies.mechanics.runs import SlideCase, solved_slide
+
+    solved = solved_slide(SlideCase(0.67, "half", "depth", check))
+    way, pull, area = (solved.scalars[name][1] for name in ("slide", "tangential_force", "area"))  # all but stuck
+    shear = material("silskin_0").mooney_rivlin.shear_modulus_MPa
+    # Mindlin: a stuck disc on an incompressible half-space, 2 a G* = 16 a G/3
+    half_space = 16.0 / 3.0 * np.sqrt(area / np.pi) * shear
+    left = 1.0 / (way / pull - 1.0 / half_space)
+    assert left == pytest.approx(share * boned_stiffness(shear, 7.5), rel=0.02)
 
 
 @pytest.mark.parametrize(

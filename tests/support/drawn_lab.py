@@ -18,6 +18,22 @@ def bt709(light):
     return np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099)
 
 
+def on_plate(shape, fine, focal_px, k1, clear, thickness, index):
+    """Return where fine pixels look on a plate's far face [mm], (x, y): Brown's formula inverted, Snell's law.
+
+    ``clear``, ``thickness``: from the pinhole to the plate, and of the plate [mm].
+    """
+    rows, cols = shape
+    u, v = np.meshgrid(*((np.arange(n * fine) + 0.5) / fine - 0.5 for n in (cols, rows)))
+    xd, yd = (u - (cols - 1) / 2) / focal_px, (v - (rows - 1) / 2) / focal_px
+    x, y = xd, yd
+    for _ in range(40):
+        bend = 1 + k1 * (x**2 + y**2)
+        x, y = xd / bend, yd / bend
+    inside = np.sqrt((1 + x**2 + y**2) * index**2 - (x**2 + y**2))
+    return x * (clear + thickness / inside), y * (clear + thickness / inside)
+
+
 def contact(shape, middle, axes, angle=0.3, ridges=None):
     """Return the share of each pixel in contact; ``ridges``: period [px] and share of it that is ridge."""
     rows, cols = shape

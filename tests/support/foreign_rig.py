@@ -12,7 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from support.drawn_lab import bt709, on_plate
+
 WIDTH, HEIGHT, PITCH_UM, FOCAL_MM = 400, 300, 9.0, 8.0
+FOCAL_PX = FOCAL_MM * 1e3 / PITCH_UM
 CLEAR_MM, THICKNESS_MM, INDEX = 64.0, 8.0, 1.49
 K1 = -0.12
 RADIUS_MM, MODULUS_MPA, POISSON = 10.0, 0.345, 0.49
@@ -29,32 +32,12 @@ BLACK = 0.004
 FINER = 4
 
 
-def bt709(light: np.ndarray) -> np.ndarray:
-    """Return grey levels 0 to 1 of linear light."""
-    light = np.clip(light, 0.0, 1.0)
-    return np.where(light < 0.018, 4.5 * light, 1.099 * np.maximum(light, 0.018) ** 0.45 - 0.099)
-
-
-def on_plate() -> tuple[np.ndarray, np.ndarray]:
-    """Return where each of the fine pixels looks on the plate's upper face [mm]."""
-    focal = FOCAL_MM * 1e3 / PITCH_UM
-    u, v = np.meshgrid(*((np.arange(n * FINER) + 0.5) / FINER - 0.5 for n in (WIDTH, HEIGHT)))
-    xd, yd = (u - (WIDTH - 1) / 2) / focal, (v - (HEIGHT - 1) / 2) / focal
-    x, y = xd, yd
-    for _ in range(30):
-        bend = 1.0 + K1 * (x**2 + y**2)
-        x, y = xd / bend, yd / bend
-    inside = np.sqrt((1.0 + x**2 + y**2) * INDEX**2 - (x**2 + y**2))
-    return x * (CLEAR_MM + THICKNESS_MM / inside), y * (CLEAR_MM + THICKNESS_MM / inside)
-
-
 def exposed(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return an 8-bit frame of linear light on fine pixels: lens, vignetting, noise, tone curve."""
     mean = light.reshape(HEIGHT, FINER, WIDTH, FINER).mean(axis=(1, 3))
     mean = cv2.GaussianBlur(mean, (0, 0), BLUR_PX)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    focal = FOCAL_MM * 1e3 / PITCH_UM
-    angle = np.arctan(np.hypot(x - (WIDTH - 1) / 2, y - (HEIGHT - 1) / 2) / focal)
+    angle = np.arctan(np.hypot(x - (WIDTH - 1) / 2, y - (HEIGHT - 1) / 2) / FOCAL_PX)
     mean = mean * np.cos(angle) ** 4
     electrons = rng.poisson(ELECTRONS * mean) + rng.normal(0.0, READ_E, mean.shape)
     return np.clip(np.rint(255.0 * bt709(electrons / ELECTRONS + BLACK)), 0, 255).astype(np.uint8)
@@ -83,7 +66,8 @@ def board(x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 def measure(folder: Path, seed: int = 5) -> None:
     """Write a bundle's frames and tables, all but its scene: twenty presses, two frames of each dark, one board."""
-    rng, (x, y) = np.random.default_rng(seed), on_plate()
+    rng = np.random.default_rng(seed)
+    x, y = on_plate((HEIGHT, WIDTH), FINER, FOCAL_PX, K1, CLEAR_MM, THICKNESS_MM, INDEX)
     for name in ("press", "lens_cap", "led_off", "checkerboard"):
         (folder / name).mkdir(parents=True)
     for k, force in enumerate(FORCES_N):

@@ -167,6 +167,24 @@ def test_compare_names_saturation_and_light_beside_the_contact(tmp_path: Path, o
 
 
 @pytest.mark.system
+def test_render_and_simulate_tell_what_a_slide_and_a_liquid_leave_out(tmp_path: Path) -> None:
+    slide = {"distance_mm": 0.4, "speed_mm_per_s": 4.0, "press_time_s": 0.2}
+    changes = [f"slide.{key}={value}" for key, value in slide.items()] + [
+        "contact={law='hertz'}", "assumptions={}", "sources={}", "press.frame_rate_hz=5.0", "grid.size_mm=14.0",
+        "liquid={volume_uL=900.0}",
+    ]  # fmt: skip
+    asked = [*SMALL, *(piece for change in changes for piece in ("--set", change))]
+    done = runner.invoke(app, ["render", "thesis_slide", "--fast", *asked, "--out", str(tmp_path / "r")])
+    assert done.exit_code == 0, done.output
+    warnings = json.loads((tmp_path / "r" / "result.json").read_text())["warnings"]
+    for start, warning in zip(("area stays under shear", "liquid: "), warnings, strict=True):
+        assert warning.startswith(start)
+        assert f"warning: {warning}" in done.stderr
+    done = runner.invoke(app, ["simulate", "thesis_slide", "--fast", *asked, "--bundle", str(tmp_path / "b")])
+    assert done.exit_code == 0, done.output
+    assert "area stays under shear" in done.stderr
+
+
 def test_simulate_warns_of_saturation_and_of_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shots = tuple(Shot(index=k, time_s=k, force_N=4.0, voltage_V=v) for k, v in enumerate((9.0, 12.0)))
     for name, kept in (("bright", shots), ("dim", shots[:1])):

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from evanesce.cli.app import app
 from evanesce.rig import load_scene
+from support.drawn_lab import on_plate
 
 runner = CliRunner()
 WIDTH, HEIGHT, FOCAL_PX, THICKNESS, INDEX, CLEAR, K1 = 640, 480, 4.0e3 / 4.5, 8.0, 1.4905, 60.0, -0.2
@@ -20,14 +21,7 @@ WIDTH, HEIGHT, FOCAL_PX, THICKNESS, INDEX, CLEAR, K1 = 640, 480, 4.0e3 / 4.5, 8.
 def drawn_board() -> np.ndarray:
     """A board of 1 mm squares through a plate and a lens with distortion: Snell's law and Brown's formula by hand."""
     fine = 3
-    u, v = np.meshgrid(*((np.arange(n * fine) + 0.5) / fine - 0.5 for n in (WIDTH, HEIGHT)))
-    xd, yd = (u - (WIDTH - 1) / 2) / FOCAL_PX, (v - (HEIGHT - 1) / 2) / FOCAL_PX
-    x, y = xd, yd
-    for _ in range(40):
-        bend = 1 + K1 * (x**2 + y**2)
-        x, y = xd / bend, yd / bend
-    inside = np.sqrt((1 + x**2 + y**2) * INDEX**2 - (x**2 + y**2))
-    across, down = x * (CLEAR + THICKNESS / inside), y * (CLEAR + THICKNESS / inside)
+    across, down = on_plate((HEIGHT, WIDTH), fine, FOCAL_PX, K1, CLEAR, THICKNESS, INDEX)
     a, b = across * np.cos(0.02) + down * np.sin(0.02) + 0.3, down * np.cos(0.02) - across * np.sin(0.02) - 0.2
     print_ = (abs(a) < 21) & (abs(b) < 15.5)
     squares = np.where((np.floor(a) + np.floor(b + 0.5)) % 2 == 0, 200.0, 30.0)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from evanesce.cli.app import app
-from evanesce.rig import load_scene
+from evanesce.rig import dump_scene, load_scene
 from support import foreign_rig as lab
 
 run = CliRunner().invoke
@@ -32,13 +33,27 @@ def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_pictures_and_presses_make_a_bundle(mine: Path) -> None:
     scene = load_scene(mine / "scene.toml")
-    scale = lab.FOCAL_MM * 1e3 / lab.PITCH_UM / (lab.CLEAR_MM + lab.THICKNESS_MM / lab.INDEX)
+    scale = lab.FOCAL_PX / (lab.CLEAR_MM + lab.THICKNESS_MM / lab.INDEX)
     assert scene.camera.scale_px_per_mm == pytest.approx(scale, rel=2e-3)
     assert scene.camera.lens.distortion.k1 == pytest.approx(lab.K1, abs=0.03)
     assert scene.card.checkerboard_inverted
     done = run(app, ["bundle", "check", str(mine)])
     assert done.exit_code == 0, done.output
     assert "20 frame(s)" in done.output
+
+
+@pytest.mark.slow  # ten seconds; a bundle of its own
+def test_squares_of_another_side_are_noticed(tmp_path: Path, mine: Path) -> None:
+    wrong = tmp_path / "wrong"
+    shutil.copytree(mine, wrong)
+    scale = load_scene(wrong / "scene.toml").camera.scale_px_per_mm
+    changed = load_scene(wrong / "scene.toml", {
+        "camera.scale_px_per_mm": lab.SQUARE_MM * scale, "card.checkerboard_side_mm": 1.0,
+    })  # fmt: skip
+    (wrong / "scene.toml").write_text(dump_scene(changed), encoding="utf-8")
+    done = run(app, ["fit", str(wrong)])
+    assert done.exit_code != 0
+    assert "not the rig of the scene" in done.output + done.stderr
 
 
 @pytest.mark.slow

@@ -236,13 +236,24 @@ def spectrum(time: ArrayLike, values: ArrayLike) -> Spectrum:
     if not np.any(density[1:] > 0.0):
         return Spectrum(frequency, density, float("nan"), 0.0)
     top = 1 + int(np.argmax(density[1:]))
-    offset = 0.0
-    if 1 < top < len(density) - 1 and min(density[top - 1 : top + 2]) > 0.0:
-        # A Hann-windowed line is close to a parabola in log density, so its peak is found between the bins.
-        a, b, c = np.log(density[top - 1 : top + 2])
-        offset = 0.5 * (a - c) / (a - 2 * b + c)
     share = float(density[max(1, top - 2) : top + 3].sum() / density[1:].sum())
-    return Spectrum(frequency, density, float(frequency[top] + offset * (frequency[1] - frequency[0])), share)
+    return Spectrum(frequency, density, between_bins(frequency, density, top), share)
+
+
+def between_bins(frequency: Floats, density: Floats, top: int) -> float:
+    """Return the frequency [Hz] of a Hann-windowed line at a bin: it is close to a parabola in the logarithm.
+
+    Parameters
+    ----------
+    frequency, density : ndarray (m,)
+    top : int
+        The bin that is larger than its neighbours.
+    """
+    near = density[max(top - 1, 0) : top + 2]
+    if not 1 < top < len(density) - 1 or near.min() <= 0.0 or near[1] < max(near[0], near[2]):
+        return float(frequency[top])
+    a, b, c = np.log(near)
+    return float(frequency[top] + 0.5 * (a - c) / (a - 2 * b + c) * (frequency[1] - frequency[0]))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize
 from scipy.stats import t as student
 
-from evanesce.bench.friction import spectrum
+from evanesce.bench.friction import between_bins, spectrum
 
 Floats = NDArray[np.float64]
 
@@ -97,7 +97,7 @@ def line_of(time: ArrayLike, values: ArrayLike) -> Line:
     over = np.where(frequency * float(t[-1] - t[0]) >= LEAST_CYCLES, density / background, 0.0)
     top = int(np.argmax(over[inner])) + 1
     p_value = float(-np.expm1(bins * np.log1p(-np.exp(-max(float(over[top]), 1e-9)))))
-    return Line(_between(frequency, density, top), step, float(over[top]), p_value, background, threshold)
+    return Line(between_bins(frequency, density, top), step, float(over[top]), p_value, background, threshold)
 
 
 def _background(frequency: Floats, density: Floats, inner: slice) -> Floats:
@@ -117,14 +117,6 @@ def _background(frequency: Floats, density: Floats, inner: slice) -> Floats:
     starts = [np.array([low, memory, high - 1.0]) for memory in (1.0, 4.0)]
     best = min((minimize(off, start, method="Nelder-Mead") for start in starts), key=lambda one: float(one.fun))
     return model(np.asarray(best.x), frequency)
-
-
-def _between(frequency: Floats, density: Floats, top: int) -> float:
-    """Return the frequency of a Hann-windowed line, near a parabola in the logarithm, between the bins."""
-    a, b, c = np.log(density[top - 1 : top + 2])
-    curve = a - 2.0 * b + c
-    offset = 0.5 * (a - c) / curve if curve < 0.0 else 0.0
-    return float(frequency[top] + np.clip(offset, -0.5, 0.5) * frequency[1])
 
 
 @dataclass(frozen=True)
@@ -186,5 +178,5 @@ def source_of(lines: Sequence[Line], speeds: ArrayLike) -> LineSource | None:
     # lines may wander by more than the spectrum's resolution
     wander = float(np.sum((design @ solution - np.log(f) / sigma) ** 2)) / free if free else 1.0
     error = float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1] * max(wander, 1.0)))
-    half = error * float(student.ppf(0.975, free if free and wander > 1.0 else 1e6))
+    half = error * float(student.ppf(0.975, free if free and wander > 1.0 else np.inf))
     return LineSource(float(solution[1]), float(solution[1]) - half, float(solution[1]) + half, np.unique(v[kept]).size)

@@ -254,8 +254,7 @@ def write_friction(
         known = np.isfinite(coefficient)
         stable[name] = coefficient[known]
         spectra.append(friction.spectrum(trace.time[inside][known], coefficient[known]))
-        with names_file(file):
-            lines.append(friction_lines.line_of(trace.time[inside][known], coefficient[known]))
+        lines.append(friction_lines.line_of(trace.time[inside][known], coefficient[known]))
     folder = out_dir(out, "bench-friction")
     write_figure(folder / "friction.png", bench_plots.friction_figure(traces, results, names))
     write_figure(
@@ -279,21 +278,25 @@ def write_friction(
             files, names, groups, results, spectra, lines, strict=True
         )
     ]  # fmt: skip
+    _print_slides(slides)
+    return {
+        "test": "friction", "slides": slides, "line_source": _line_source(lines, speeds), **_compare(groups, results)
+    }, folder  # fmt: skip
+
+
+def _print_slides(slides: list[dict[str, Any]]) -> None:
     table = Table(title="friction", caption="dynamic: median +- robust spread over the stable region")
     for heading in ("file", "group", "static", "dynamic", "mode", "strongest frequency", "line [Hz]", "p of noise"):
         table.add_column(heading)
     for slide in slides:
+        line = slide["line"]
         table.add_row(
             slide["file"], slide["group"], f"{slide['static']:.4f}",
             f"{slide['dynamic']:.4f} +- {slide['dynamic_spread']:.4f}",
             f"{slide['mode']:.4f}", f"{slide['peak_frequency_hz']:.4g} Hz ({slide['peak_share']:.0%})",
-            f"{slide['line']['frequency_hz']:.4g}" if slide["line"]["found"] else "-",
-            f"{slide['line']['p_value']:.2g}",
+            f"{line['frequency_hz']:.4g}" if line["found"] else "-", f"{line['p_value']:.2g}",
         )  # fmt: skip
     console.print(table)
-    return {
-        "test": "friction", "slides": slides, "line_source": _line_source(lines, speeds), **_compare(groups, results)
-    }, folder  # fmt: skip
 
 
 def _line_source(lines: list[Any], speeds: list[float]) -> dict[str, Any] | None:

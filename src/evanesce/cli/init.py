@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
@@ -243,20 +243,15 @@ def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None)
 
 def _kept(scene: Scene, given: frozenset[str], preset: str) -> list[str]:
     """Return a note of the figures that an option would have set, and that are the preset's."""
-    data, kept = scene.as_dict(), []
-    for key, option in KEYS.items():
-        value: Any = data
-        for part in key.split("."):
-            value = value.get(part) if isinstance(value, dict) else None
-        if value is not None and not any(key == k or key.startswith(f"{k}.") for k in given):
-            text = (
-                ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in value)
-                if isinstance(value, list)
-                else f"{value:g}"
-                if isinstance(value, float)
-                else str(value)
-            )
-            kept.append(f"{key} = {text} ({option})")
+    from evanesce.api.key_change import value_at
+    from evanesce.cli.scene import text_of
+
+    values = {key: value_at(scene, key) for key in KEYS}
+    kept = [
+        f"{key} = {text_of(value)} ({KEYS[key]})"
+        for key, value in values.items()
+        if value is not None and not any(key == k or key.startswith(f"{k}.") for k in given)
+    ]
     return [f"not given, the figures of the preset {preset}: {'; '.join(kept)}"] if given and kept else []
 
 

@@ -115,19 +115,22 @@ def render(
     if not 1 <= bands <= MAX_BANDS:
         raise InputError(f"{bands}", key="--bands", allowed=f"1 to {MAX_BANDS}")
     options = _sampling(fast, spp, passes, until_error)
+    warnings = list(slide_warnings(loaded))
+    show_warnings(warnings)  # before frames that take hours
     folder = out_dir(out, f"render-{Path(scene).stem}")
     result = _run(
         loaded, folder, seed=loaded.render.seed if seed is None else seed, fast=fast, variant=variant, bands=bands,
         options=options, exr=exr, video=video,
     )  # fmt: skip
-    result["warnings"] = [*slide_warnings(loaded), *_flooded(result["frames"])]
+    flooded = _flooded(result["frames"])
+    result["warnings"] = warnings + flooded
     copy_scene_files(loaded, folder)
     write_text(folder / "scene.toml", dump_scene(loaded))
     write_text(folder / "README.txt", _README)
     write_json(folder / "result.json", result)
     write_json(json_file, result)
     _show(result, folder)
-    warn_of_slide(result["warnings"])
+    show_warnings(flooded)
 
 
 def _sampling(fast: bool, spp: int | None, passes: int | None, until_error: float | None) -> dict[str, Any]:
@@ -270,8 +273,8 @@ def _flooded(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return [f"liquid: {left:.3g} uL find no room on the sampled plane (grid.size_mm)"] if left else []
 
 
-def warn_of_slide(warnings: Iterable[str]) -> None:
-    """Warn of a slide beyond what its area under shear was made of."""
+def show_warnings(warnings: Iterable[str]) -> None:
+    """Print warnings, a line each."""
     for text in warnings:
         messages.print(f"warning: {text}", style="yellow", markup=False, highlight=False, soft_wrap=True)
 

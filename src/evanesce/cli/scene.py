@@ -116,7 +116,7 @@ def _show(name: str, rows: list[dict[str, Any]], with_value: bool) -> None:
             row["key"],
             row["unit"] or "",
             _range(row) or ", ".join(row["choices"]),
-            _text(value),
+            text_of(value),
             row["in_frame"] or row["meaning"],
         )
         table.add_row(*(escape(cell) for cell in cells))
@@ -127,15 +127,15 @@ def _lines(row: dict[str, Any], with_value: bool) -> list[tuple[str, str]]:
     found = [("one of", ", ".join(row["choices"]))] if row["choices"] else [("unit", row["unit"] or "none")]
     if row["range"] is not None:
         found.append(("range", _range(row)))
-    found.append(("default", "none: required" if row["required"] else _text(row["default"])))
+    found.append(("default", "none: required" if row["required"] else text_of(row["default"])))
     if row["null"] is not None:
-        found.append(("absent at", _text(row["null"])))
+        found.append(("absent at", text_of(row["null"])))
     if row["source"]:
         found.append(("source of the default", row["source"]))
     if row["in_frame"] and row["meaning"]:
         found.append(("in the frame", row["in_frame"]))
     if with_value:
-        found.append(("value in the scene", _text(row["value"])))
+        found.append(("value in the scene", text_of(row["value"])))
     return found
 
 
@@ -143,11 +143,12 @@ def _range(row: dict[str, Any]) -> str:
     return "" if row["range"] is None else f"{row['range'][0]:g} to {row['range'][1]:g}"
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
+    """Return a value of a scene as words."""
     if value is None:
         return "none"
     if hasattr(value, "model_dump"):
         return str(value.model_dump(exclude_none=True))
     if isinstance(value, list | tuple):
-        return ", ".join(_text(v) for v in value) or "empty"
+        return ", ".join(text_of(v) for v in value) or "empty"
     return f"{value:g}" if isinstance(value, float) else str(value)

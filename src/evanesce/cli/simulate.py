@@ -15,8 +15,8 @@ from evanesce.cli.render import (
     check_variant,
     full_scale_share,
     parse_overrides,
+    show_warnings,
     warn_of_saturation,
-    warn_of_slide,
 )
 
 
@@ -52,6 +52,7 @@ def register(app: typer.Typer) -> None:
         check_variant(variant)
         loaded = coarser_camera(load_scene(scene, parse_overrides(settings)), coarser)
         active_effects(loaded, scene_path(scene))
+        show_warnings(slide_warnings(loaded))
         render, card, record = _renderers(fast, variant, spp)
         origin = provenance.record(seed=seed, config=loaded.as_dict(), **record)
         with progress() as bar:
@@ -62,7 +63,6 @@ def register(app: typer.Typer) -> None:
             )  # fmt: skip
         found = read_bundle(bundle, decode=False)
         warn_of_saturation({shot.index: full_scale_share(found.frame(shot)) for shot in found.press})
-        warn_of_slide(slide_warnings(loaded))
         console.print(f"Written: {bundle}  (evanesce bundle check {bundle})", highlight=False)
 
 

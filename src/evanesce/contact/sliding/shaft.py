@@ -9,7 +9,7 @@ Floats = NDArray[np.float64]
 
 BONED = 3.1
 """Stiffness along the slide of the silicone between contact and bone, over shear modulus and tip radius [1]: that of
-the solved slides over a bone of half the width at 1 N, less a half-space's compliance; 2 % less on the finer mesh."""
+the solved slides over a bone of half the width at 1 N, less a half-space's compliance; 1 % less on the finer mesh."""
 
 
 def tilted_compliance(axial_stiffness: float, bending_stiffness: float, angle: float) -> Floats:

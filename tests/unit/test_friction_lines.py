@@ -42,6 +42,15 @@ def test_a_line_below_the_red_end_is_found_where_the_strongest_frequency_is_not_
     assert not line_of(TIME, noise).found
 
 
+def test_of_a_line_and_its_harmonic_the_line_is_told() -> None:
+    pull = 0.02 * np.sin(2 * np.pi * 2.2 * TIME) + 0.01 * np.sin(2 * np.pi * 22.0 * TIME) + coloured(0.995, 0.02, 5)
+    line = line_of(TIME, pull)
+    frequency = np.fft.rfftfreq(COUNT, 1 / RATE)
+    near = [line.background[np.argmin(np.abs(frequency - f))] for f in (2.2, 22.0)]
+    assert near[0] > 4 * near[1]  # so that the harmonic, a quarter as strong, stands farther out
+    assert line.frequency == pytest.approx(2.2, abs=0.02)
+
+
 def slides(speeds: list[float], own_hz: float = 0.0, seconds: float = 20.0) -> list[np.ndarray]:
     """Return coefficients at several speeds: a light finger that sticks and slips, or a machine that vibrates."""
     found = []

@@ -42,7 +42,7 @@ SIGNIFICANT = 0.01
 
 @dataclass(frozen=True)
 class Line:
-    """Largest line of a record over its background.
+    """Strongest line of a record above its background.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Line:
 
 
 def line_of(time: ArrayLike, values: ArrayLike) -> Line:
-    """Return the largest line of a record against a background of coloured noise.
+    """Return the strongest line of a record that stands out against a background of coloured noise.
 
     Parameters
     ----------
@@ -95,7 +95,9 @@ def line_of(time: ArrayLike, values: ArrayLike) -> Line:
         return Line(float("nan"), step, 0.0, 1.0, np.zeros_like(density), threshold)
     background = _background(frequency / (2.0 * float(frequency[-1])), density, inner)
     over = np.where(frequency * float(t[-1] - t[0]) >= LEAST_CYCLES, density / background, 0.0)
-    top = int(np.argmax(over[inner])) + 1
+    # of several lines that stand out the strongest: its harmonics stand farther above a red background
+    out = over[inner] > threshold
+    top = int(np.argmax(np.where(out, density[inner], 0.0) if out.any() else over[inner])) + 1
     p_value = float(-np.expm1(bins * np.log1p(-np.exp(-max(float(over[top]), 1e-9)))))
     return Line(between_bins(frequency, density, top), step, float(over[top]), p_value, background, threshold)
 

@@ -43,6 +43,11 @@ def contact(name: str, silicone: Material, facts: dict[str, Any]) -> list[dict]:
             found.append(outcome(f"area_{force:g}N", "read_area", "mm2", area, 0.05 * area,
                                  silicone.measured_area.source, "assumed 5 %; no scatter is printed",
                                  force_N=force))  # fmt: skip
+        if silicone.fe_area_scale is not None:
+            own = area / silicone.fe_area_scale.value  # the last: of the largest force
+            found.append(outcome(f"fe_area_{force:g}N", "fe_area", "mm2", own, 0.05 * own,
+                                 f"{silicone.fe_area_scale.source}, {silicone.fe_area_scale.value:g}",
+                                 "assumed 5 %; one factor is printed for all forces", force_N=force))  # fmt: skip
     if silicone.area_deviation is not None:
         off = silicone.area_deviation
         hertz = float(np.pi * 7.5 * published_depth(name, off.force_N))
@@ -80,8 +85,19 @@ def others(name: str, silicone: Material, facts: dict[str, Any]) -> list[dict]:
         outcome("friction_1N", "friction", "1", friction.static_coefficient_smooth,
                 0.1 * friction.static_coefficient_smooth, friction.source, "assumed 10 %; three repeats",
                 force_N=1.0),
+        *ridged_friction(name, silicone),
         outcome("tilt_friction", "tilt_friction", "1", tilt[name], 0.05, tilt["source"], "assumed 0.05"),
     ]  # fmt: skip
+
+
+def ridged_friction(name: str, silicone: Material) -> list[dict]:
+    """Return the ridged finger's friction over the smooth one's, where both are published."""
+    law = silicone.friction
+    if law.static_coefficient_ridged is None:
+        return []
+    ratio = law.static_coefficient_ridged / law.static_coefficient_smooth
+    return [outcome("ridged_friction_1N", "ridged_friction", "1", ratio, 0.14 * ratio, law.source,
+                    "assumed 14 %: two figures of 10 % each, three repeats", force_N=1.0)]  # fmt: skip
 
 
 def reported(facts: dict[str, Any]) -> list[dict]:
@@ -98,6 +114,19 @@ def reported(facts: dict[str, Any]) -> list[dict]:
             0.05 * ridged["value"],
             ridged["source"],
             "assumed 5 %: place of the tip among the ridges, elements of 0.5 mm",
+        )
+    )
+    deeper = figures["ridged_and_smooth_force_displacement"]
+    found.append(
+        outcome(
+            "ridged_depth",
+            "ridged_depth",
+            "1",
+            deeper["value"],
+            0.05,
+            deeper["source"],
+            "assumed 0.05: what an eye calls minimal",
+            force_N=1.0,
         )
     )
     over = figures["normal_force_overshoot_mu_1p13"]
@@ -138,10 +167,16 @@ def reported(facts: dict[str, Any]) -> list[dict]:
 def voltages(volts: dict[str, Any]) -> list[dict]:
     """Return what chapter 5 says of the LED voltage, of the ridged finger."""
     lost, settled = volts["patch_lost_below_V"], volts["converged_from_V"]
-    step, eye = "assumed 0.25 V: half a step of the eye", "assumed 0.05: growth that an eye calls converged"
+    step, eye = (
+        "assumed 0.25 V: half a step of the eye",
+        "assumed 0.05: growth that an eye calls converged; modelled smooth",
+    )
     return [
         outcome("lost_below", "lost_below", "V", lost["value"], 0.25, lost["source"], step),
-        outcome("growth_9_to_12V", "growth", "1", 0.0, 0.05, settled["source"], eye, force_N=1.0),
+        *(
+            outcome(f"growth_9_to_12V_{force:g}N", "growth", "1", 0.0, 0.05, settled["source"], eye, force_N=force)
+            for force in (1.0, 5.0)
+        ),
     ]
 
 

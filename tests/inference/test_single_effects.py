@@ -176,8 +176,16 @@ def test_a_fit_stands_above_drawn_forms():
 SIZE = (40, 52)
 
 
-def left(extra: Any, seed: int = 8, dark: float = 20.0) -> Any:
-    """Return what is left of six views of a disc of light, unit noise and a relative change of it."""
+def blotches(rng: Any, views: int) -> Any:
+    """Return noise (views, rows, cols) as a video codec makes it: blocks and rows that err together, alike in views."""
+    rows, cols = SIZE
+    blocks = rng.standard_normal((rows // 8, cols // 4)).repeat(8, 0).repeat(4, 1)
+    every = rng.standard_normal((rows, 1)) * 0.5 + blocks
+    return every + 0.5 * rng.standard_normal((views, rows, cols))
+
+
+def left(extra: Any, seed: int = 8, dark: float = 20.0, draws: int = 0) -> Any:
+    """Return what is left of six views of a disc of light, unit noise (or blotches) and a relative change of it."""
     rng = np.random.default_rng(seed)
     views = tuple(View(kind="press", force_N=2.0, voltage_V=8.0 + 0.3 * k, condition=k, index=k) for k in range(6))
     y, x = np.indices(SIZE)
@@ -186,14 +194,33 @@ def left(extra: Any, seed: int = 8, dark: float = 20.0) -> Any:
     sd = np.full(light.shape, 0.4)
     noise: Any = None
     data = DataVector(light, sd, np.ones(light.shape, bool), views, noise, 1.0, 0.01)
-    residual = sd * rng.standard_normal(light.shape) + light * extra(x, y)
-    return left_of(data, data.whitened(residual), light, 0.5)
+    if not draws:
+        residual = sd * rng.standard_normal(light.shape) + light * extra(x, y)
+        return left_of(data, data.whitened(residual), light, 0.5)
+    drawn = np.array([sd * blotches(rng, len(views)) for _ in range(draws)])
+    residual = sd * blotches(rng, len(views)) - drawn.mean(axis=0) + light * extra(x, y)
+    noise_left = np.array([data.whitened(one - drawn.mean(axis=0)) for one in drawn])
+    return left_of(data, data.whitened(residual), light, 0.5, noise_left)
 
 
 def test_noise_leaves_nothing():
     found = [left(lambda x, y: 0.0 * x, seed) for seed in range(20)]
     assert np.mean([f.found for f in found]) <= 0.1
     assert np.mean([f.chi2 for f in found]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_noise_that_hangs_together_is_no_structure_where_draws_show_it():
+    def nothing(x: Any, y: Any) -> Any:
+        return 0.0 * x
+
+    shown = [left(nothing, seed, draws=24) for seed in range(40)]
+    assert sum(f.found for f in shown) == 0
+    # each probability by itself is one: below a tenth in a tenth of the cases
+    for each in ("periodic", "bands"):
+        small = np.mean([getattr(f, each).p_value < 0.1 for f in shown])
+        assert small <= 0.3, each  # binomial, 40 cases, of two fields the less probable
+    striped = left(lambda x, y: 0.02 * np.cos(2 * np.pi * 0.3 * x), draws=24)
+    assert striped.periodic.p_value < 1e-6
 
 
 def test_stripes_are_told_with_period_direction_and_size():

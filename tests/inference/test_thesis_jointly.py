@@ -167,6 +167,37 @@ def test_depths_and_areas_follow_hertz_and_jkr():
     assert friction == pytest.approx(tau0 * np.pi * radius**2 / 2.0 + alpha, rel=1e-9)
 
 
+def test_ridges_lower_friction_by_their_share_of_area_and_as_drawn_change_the_finite_elements_alone():
+    kinds = {"ridged_over_smooth": "1", "ridged_depth": "1", "ridged_friction": "1"}
+    rows = [row("silskin_0", kind, 0.8, 0.1, unit, force_N=1.0) for kind, unit in kinds.items()]
+    point = {p.name: np.array([p.null]) for p in NUISANCES}
+    moulded, drawn_ = (
+        Predictor(rows, MechanismSet(NOMINAL.ids | more))(point)[0] for more in (set(), {"ridges_as_drawn"})
+    )
+    area, depth, friction = np.exp(moulded[0]), moulded[1], np.exp(moulded[2])
+    tau0, alpha = RHEOLOGY["silskin_0"]
+    smooth = np.pi * (0.75 * RADIUS / (4 * G["silskin_0"])) ** (2 / 3)  # Hertz at 1 N
+    assert friction == pytest.approx((tau0 * smooth * area + alpha) / (tau0 * smooth + alpha), rel=1e-6)
+    # A furrow a twentieth of a millimetre deep cannot press the finger deeper by more than that (0.94 mm at 1 N).
+    assert 0.0 < depth < 0.05
+    assert depth < drawn_[1] < 0.11
+    assert np.exp(drawn_[0]) < area
+    assert drawn_[2] == moulded[2]
+
+
+def test_the_area_of_the_finite_elements_is_theirs_whatever_the_finger_is():
+    rows = [row("silskin_20", "fe_area", 60.0, 0.05, "mm2", force_N=5.0)]
+    point = {p.name: np.array([p.null]) for p in NUISANCES} | {f"modulus:{m}": np.array([0.7]) for m in G}
+    solid, bone = (
+        float(np.exp(Predictor(rows, MechanismSet(frozenset({law, "clear", "modulus"})))(
+            point | {"bone:share": np.array([0.25])})[0, 0]))
+        for law in ("finite_strain", "bone")
+    )  # fmt: skip
+    stiffer = float(np.exp(tables.solved_press("silskin_20", np.zeros(1), np.log([5.0]) - 0.7)[1][0]))
+    assert solid > 1.2 * stiffer
+    assert bone < solid
+
+
 def test_solved_contacts_over_a_bone_lie_between_hertz_and_a_bonded_layer():
     log_force = np.log(np.array([0.5, 1.0, 3.0]))
     depth, area = tables.solved_press("silskin_20", np.array(0.25), log_force)
@@ -337,7 +368,7 @@ def test_wider_deviations_say_less_and_a_factor_out_of_range_is_refused():
 
 def test_shipped_outcomes_hold_both_fingers_and_a_source_for_each():
     outcomes = read_outcomes(SHIPPED)
-    assert len(outcomes.rows) == 28
-    assert len(outcomes.groups) == 19
+    assert len(outcomes.rows) == 32
+    assert len(outcomes.groups) == 22
     assert all("assumed" in r.outcome.uncertainty for r in outcomes.rows)
     assert sum(1 for _ in outcomes.readings()) == 2

@@ -117,5 +117,5 @@ def make_dataset(
         config = validate(DatasetConfig, dict(config), "make_dataset")
     settings = config or DatasetConfig()
     if changes:
-        settings = validate(DatasetConfig, merged(settings.as_dict(), changes, "make_dataset"), "make_dataset")
+        settings = validate(DatasetConfig, merged(settings.given(), changes, "make_dataset"), "make_dataset")
     return MemoryDataset(new_job(scene, settings, frames=trials * settings.trial.frames, seed=seed))

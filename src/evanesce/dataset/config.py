@@ -158,7 +158,8 @@ class Fingers(Drawn):
 class Rigs(Strict):
     """Rigs: ``count`` of them are drawn, each a change of the scene and a set of effects; a trial has one.
 
-    ``draw`` maps dotted keys of the scene to distributions.
+    ``draw`` maps dotted keys of the scene to distributions; left out, they lie about the scene's figures
+    (:mod:`evanesce.dataset.about`). The ones here are those of the thesis's rig.
     """
 
     count: int = field(8, unit="1", bounds=(1, 100_000))
@@ -341,6 +342,10 @@ class DatasetConfig(Strict):
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON-able data, None left out."""
         return self.model_dump(mode="json", exclude_none=True)
+
+    def given(self) -> dict[str, Any]:
+        """Return :meth:`as_dict` of the keys alone that were given."""
+        return self.model_dump(mode="json", exclude_none=True, exclude_unset=True)
 
 
 def load_config(path: Path | None) -> DatasetConfig:

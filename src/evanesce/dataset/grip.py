@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.dataset.about import about
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.grip_model import GripModel, GripStep, GripTask
 from evanesce.rig import Scene, load_scene
@@ -63,6 +64,7 @@ class GripEnv(gymnasium.Env[NDArray[np.uint8], NDArray[np.float32]]):
         if config is None or isinstance(config, Mapping):
             config = validate(DatasetConfig, dict(config or DEFAULT), "config")
         seen = load_scene(scene) if isinstance(scene, str) else scene
+        config = about(config, seen)
         self.model = GripModel(seen, config, task or GripTask(), rig_seed)
         cols, rows = config.camera.size_px or seen.camera.resolution_px
         low, high = self.model.task.force_N

@@ -13,6 +13,7 @@ from typing import Any
 from evanesce.core import provenance
 from evanesce.core.errors import InputError
 from evanesce.dataset import layout
+from evanesce.dataset.about import about
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import ITS_TRIALS_MOTION
 from evanesce.dataset.limits import require_count, require_frame, resolution
@@ -118,6 +119,7 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     if not 0 <= seed < 2**63:
         raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
     require_count(frames)
+    config = about(config, scene)
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
     refused = MOVES_PIXELS | ACTS_TWICE

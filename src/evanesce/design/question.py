@@ -13,6 +13,7 @@ from evanesce.core.errors import InputError
 from evanesce.materials import material_names
 from evanesce.measurement.reference.segment import Chain, Crop
 from evanesce.rig import Scene
+from evanesce.rig.finger import OWN, OWN_FIGURES
 from evanesce.rig.load import validate
 
 ESTIMATORS = ("reference", "refined")
@@ -76,7 +77,7 @@ class Question:
         if self.estimator not in ESTIMATORS:
             raise InputError(f"{self.estimator!r}", key="measurement.estimator", allowed=", ".join(ESTIMATORS))
         for name in self.materials:
-            if name not in material_names():
+            if name not in (*material_names(), OWN):
                 raise InputError(f"{name!r}", key="loads.materials", allowed=", ".join(material_names()))
         for key, value, low, high in (
             ("search.rigs", self.rigs, 8, 4096),
@@ -160,7 +161,12 @@ def on_case(scene: Scene, case: Case) -> Scene:
     InputError
         If the position is not on the plate.
     """
-    finger = scene.finger.model_copy(update={"position_mm": case.position_mm, "material": case.material})
+    update: dict[str, Any] = {"position_mm": case.position_mm}
+    if case.material != scene.finger.material:
+        if case.material == OWN:
+            raise InputError(f"{OWN!r}", key="loads.materials", allowed=f"a scene with one of {', '.join(OWN_FIGURES)}")
+        update |= {"material": case.material, **dict.fromkeys(OWN_FIGURES)}
+    finger = scene.finger.model_copy(update=update)
     try:
         return Scene.model_validate({**dict(scene), "finger": finger, "slide": None, "sources": {}, "assumptions": {}})
     except ValidationError as error:

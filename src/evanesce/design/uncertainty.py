@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
+from evanesce.contact.solve import contact_state
 from evanesce.core import rng
 from evanesce.core.errors import InputError
+from evanesce.core.states import ContactState
 from evanesce.effects import Candidate, Context, Effect, Stage, active_effects, all_effects, apply_stage
 from evanesce.effects.inference_hints import Observable
 from evanesce.evaluation.calibrated_rig import SQUARE_EDGE_PX, CardErrors
@@ -26,6 +28,7 @@ from evanesce.measurement.uncertainty.components import CARD_HEIGHT_MM, PRINT_TO
 from evanesce.optics.seen import seen_at
 from evanesce.render.fast.rig_fields import unit_digest
 from evanesce.rig import Scene
+from evanesce.rig.finger import HertzLaw
 
 Array = NDArray[np.float64]
 
@@ -34,6 +37,8 @@ STATIC: frozenset[Observable] = frozenset({"press", "force", "voltage"})
 
 CARDS = ("checkerboard print", "square print", "card height", "square edge")
 MAX_BYTES = 1_000_000
+BISECTIONS = 12
+"""Of a range, to a four-thousandth of it."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,7 @@ def uncertainty_of(scene: Scene, standard_deviations: Mapping[str, Mapping[str, 
                 if standard_deviations is None
                 else _stated(effect, standard_deviations[name])
             )
+            wanted = tuple(_within_scene(scene, effect, wanted, c) for c in wanted)
             how = _acts(scene, effect, wanted)
             if how == "light":
                 heavy += [UncertainParameter(name, c) for c in wanted]
@@ -181,12 +187,52 @@ def _acts(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...]) -> str:
     values = {c.name: UncertainParameter(effect.id, c).value(0.84) for c in wanted}
     try:
         tried = scene.model_copy(update={"effects": {effect.id: effect.with_values(values).model_dump()}})
+        if effect.stage is Stage.CONTACT:
+            apply_stage(Stage.CONTACT, _touching(scene), active_effects(tried), Context(tried, 0))
         if effect.stage is not Stage.RIG:
             return ""
         real = apply_stage(Stage.RIG, tried, active_effects(tried), Context(tried, 0))
     except InputError as error:
         return error.what
     return "light" if unit_digest(seen_at(real)) != unit_digest(seen_at(scene)) else ""
+
+
+def _touching(scene: Scene) -> ContactState:
+    """Return a contact on which effects show whether they know the scene's finger: that of its smooth twin, Hertz's."""
+    smooth = {"ridges": None, "fingerprint": None, "height_map": None}
+    finger = scene.finger.model_copy(update=smooth)
+    twin = scene.model_copy(update={"finger": finger, "contact": HertzLaw(law="hertz"), "slide": None, "effects": {}})
+    return contact_state(twin, 1.0)
+
+
+def _within_scene(scene: Scene, effect: Effect, wanted: tuple[Candidate, ...], one: Candidate) -> Candidate:
+    """Return a candidate with its bounds drawn in to what the scene has, as to the number of its last LED."""
+    if effect.stage is not Stage.RIG:
+        return one
+
+    others = {c.name: UncertainParameter(effect.id, c).value(0.84) if c.amplitude else c.null for c in wanted}
+
+    def possible(value: float) -> bool:
+        try:
+            table = effect.with_values({**others, one.name: value}).model_dump()
+            tried = scene.model_copy(update={"effects": {effect.id: table}})
+            apply_stage(Stage.RIG, tried, active_effects(tried), Context(tried, 0))
+        except InputError:
+            return False
+        return True
+
+    ends: list[float] = []
+    for tail in (1e-9, 1.0 - 1e-9):
+        inside, end = one.null, UncertainParameter(effect.id, one).value(tail)
+        if possible(end) or not possible(inside):
+            ends.append(one.bounds[len(ends)])
+            continue
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (inside + end)
+            inside, end = (middle, end) if possible(middle) else (inside, middle)
+        # No step at all is the effect's own refusal, which :func:`_acts` tells.
+        ends.append(one.bounds[len(ends)] if inside == one.null else inside)
+    return replace(one, bounds=(ends[0], ends[1]))
 
 
 def sobol_points(uncertainty: Uncertainty, count: int, seed: int) -> Array:

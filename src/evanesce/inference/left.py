@@ -169,10 +169,11 @@ def left_of(data: DataVector, residual: Array, by_light: Array, mm_per_bin: floa
         scale = np.where(known, 1.0 / np.sqrt(np.where(known, power, 1.0)), np.nan)
         standard = (weight * cube).sum(axis=0) * scale
         square = float(np.nansum(standard**2))
-        usual = [np.nansum(((weight * one).sum(axis=0) * scale) ** 2) for one in cubes]
-        p = _p_value(square, int(known.sum()), np.array(usual))
-        wave = _periodic(np.nan_to_num(standard * scale), scale, mm_per_bin)
-        bands = _bands(np.nan_to_num(standard * scale), scale)
+        noise = np.array([(weight * one).sum(axis=0) * scale for one in cubes]).reshape(-1, *standard.shape)
+        p = _p_value(square, int(known.sum()), np.nansum(noise**2, axis=(1, 2)))
+        maps = np.nan_to_num(noise * scale)
+        wave = _periodic(np.nan_to_num(standard * scale), scale, mm_per_bin, maps)
+        bands = _bands(np.nan_to_num(standard * scale), scale, maps)
         # Noise has one for each bin, of which light shows in fewer.
         least, gained = min(p, wave.p_value, bands.p_value), square - known.sum()
         fields.append((-least, gained, follows, standard, scale, weight, p, wave, bands))
@@ -200,11 +201,15 @@ def _p_value(square: float, count: int, usual: Array) -> float:
     """
     if len(usual) < 2:
         return float(stats.chi2.sf(square, count))
-    # A mean of as many draws was taken off each, and stands in for the mean of the noise in the data.
-    usual = usual * (len(usual) + 1) / (len(usual) - 1)
+    usual = usual * _as_data(len(usual))
     mean, variance = max(float(usual.mean()), count), float(usual.var(ddof=1))
     shape = mean**2 / max(variance, 2.0 * mean)
     return float(stats.gamma.sf(square, shape, scale=mean / shape))
+
+
+def _as_data(draws: int) -> float:
+    """Return the variance of data over that of so many draws: their mean was taken off each, and stands in for it."""
+    return (draws + 1) / (draws - 1)
 
 
 def _concentrated(squares: Array) -> float:
@@ -243,41 +248,49 @@ def _around(standard: Array, light: Array) -> tuple[tuple[float, float], float]:
     return (float(middle[0]), float(middle[1])), max(explained, 0.0) / max(float((standard**2).sum()), 1e-12)
 
 
-def _bands(field: Array, sd: Array) -> Bands:
-    """Return what whole rows, or columns, have in common, of both what noise makes less probably."""
+def _bands(field: Array, sd: Array, noise: Array) -> Bands:
+    """Return what whole rows, or columns, have in common, of both what noise (draws, ...) makes less probably."""
     weight = np.where(np.isfinite(sd), 1.0 / np.nan_to_num(sd, nan=1.0) ** 2, 0.0)
     found, every = [], float((field**2 * weight).sum() - (weight > 0).sum())
     for axis, along in ((1, "rows"), (0, "columns")):
         power = weight.sum(axis=axis)
         seen = power > LEAST_POWER * power.max()
         size = np.sqrt(power[seen])
-        standard = (field * weight).sum(axis=axis)[seen] / size
+        standard = (np.concatenate([field[None], noise]) * weight).sum(axis=axis + 1)[:, seen].T / size[:, None]
         # Longer waves are what smooth causes leave.
         place = np.flatnonzero(seen) / (len(seen) - 1.0)
         smooth = np.polynomial.legendre.legvander(2.0 * place - 1.0, 2 * LONGER) * size[:, None]
         standard = standard - smooth @ np.linalg.lstsq(smooth, standard, rcond=None)[0]
         free = len(standard) - smooth.shape[1]
         if free > 0:
-            square = float(standard @ standard)
-            more, p = max(square - free, 0.0), min(2.0 * float(stats.chi2.sf(square, free)), 1.0)
+            square, *usual = (float(one) for one in (standard**2).sum(axis=0))
+            expected = max(_as_data(len(usual)) * float(np.mean(usual)), free) if len(usual) > 1 else free
+            more, p = max(square - expected, 0.0), min(2.0 * _p_value(square, free, np.array(usual)), 1.0)
             found.append(Bands(along, float(np.sqrt(more / power.sum())), more / max(every, more, 1e-12), p))
     return min(found, key=lambda one: one.p_value, default=Bands("rows", 0.0, 0.0, 1.0))
 
 
-def _periodic(field: Array, sd: Array, mm_per_bin: float) -> Periodic:
-    """Return the strongest plane wave of a field, by the spectrum of what each bin says times how well it is known."""
+def _periodic(field: Array, sd: Array, mm_per_bin: float, noise: Array) -> Periodic:
+    """Return the least probable plane wave of a field, by the spectrum of what bins say times how well each is known.
+
+    Of independent noise all waves have one mean power; else each has that of the noise's draws (draws, rows, cols).
+    """
     weight = np.where(np.isfinite(sd), 1.0 / np.nan_to_num(sd, nan=1.0), 0.0)
     spectrum = np.abs(np.fft.rfft2(field * weight**2)) ** 2
-    spectrum[0, 0] = 0.0
     down = np.fft.fftfreq(field.shape[0])[:, None]
     right = np.fft.rfftfreq(field.shape[1])[None, :]
     # Longer waves are what smooth causes leave; shorter ones are no stripes.
-    spectrum[np.hypot(down, right) < LONGER / max(field.shape)] = 0.0
-    looked_at = spectrum[spectrum > 0]
+    looked_at = np.hypot(down, right) >= LONGER / max(field.shape)
     # Half the waves are below ln 2 of the mean: a peak does not raise that.
-    mean = float(np.median(looked_at) / np.log(2.0))
-    peak = np.unravel_index(int(np.argmax(spectrum)), spectrum.shape)
-    p = float(-np.expm1(len(looked_at) * np.log1p(-np.exp(-min(float(spectrum[peak]) / mean, 700.0)))))
+    over = spectrum / float(np.median(spectrum[looked_at]) / np.log(2.0))
+    log_p = -over
+    if (draws := len(noise)) > 1:
+        usual = _as_data(draws) * (np.abs(np.fft.rfft2(noise * weight**2)) ** 2).mean(axis=0)
+        # Of a power over a mean of others as many, each distributed exponentially: Fisher's law.
+        log_p = np.maximum(log_p, (1 - draws) * np.log1p(spectrum / np.maximum(usual, 1e-300) / (draws - 1)))
+    log_p[~looked_at] = 0.0
+    peak = np.unravel_index(int(np.argmin(log_p)), spectrum.shape)
+    p = float(-np.expm1(looked_at.sum() * np.log1p(-np.exp(max(float(log_p[peak]), -700.0)))))
     y, x = np.indices(field.shape)
 
     def fitted(at: Array) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from evanesce.contact.fem.library import library_state
 from evanesce.contact.fem.state import surface_state
 from evanesce.contact.fem.stored import LibrarySlide
 from evanesce.contact.halfspace.resolved import contact_area, pressed_profile
-from evanesce.contact.halfspace.solver import press_height_map
+from evanesce.contact.halfspace.solver import HalfspaceSolution, press_height_map
 from evanesce.contact.ridges.heightmap import RidgeRow
 from evanesce.core.states import ContactState, PlateGrid
 
@@ -75,8 +75,8 @@ def ridgings(directions: Sequence[float] = (0.0,)) -> Iterator[Ridging]:
                 yield Ridging(pitch, furrow, direction)
 
 
-def ridged_area(smooth: ContactState, modulus: float, ridges: Floats) -> float:
-    """Return the area [mm^2] of a smooth contact when ridges [mm, (rows, cols)] lie on its skin.
+def ridged_press(smooth: ContactState, modulus: float, ridges: Floats) -> HalfspaceSolution:
+    """Return the press of a smooth contact when ridges [mm, (rows, cols)] lie on its skin.
 
     Parameters
     ----------
@@ -89,13 +89,16 @@ def ridged_area(smooth: ContactState, modulus: float, ridges: Floats) -> float:
 
     Returns
     -------
-    float
-        [mm^2].
+    HalfspaceSolution
     """
     pressure, gap = np.asarray(smooth.pressure, dtype=float), np.asarray(smooth.gap, dtype=float)
     heights = pressed_profile(pressure, gap, ridges, GRID.pitch, modulus)
-    found = press_height_map(heights, GRID.pitch, modulus, smooth.normal_force)
-    return contact_area(found.pressure > 0, GRID.pitch)
+    return press_height_map(heights, GRID.pitch, modulus, smooth.normal_force)
+
+
+def ridged_area(smooth: ContactState, modulus: float, ridges: Floats) -> float:
+    """Return the area [mm^2] of :func:`ridged_press`."""
+    return contact_area(ridged_press(smooth, modulus, ridges).pressure > 0, GRID.pitch)
 
 
 def pressed(bone: str, force: float) -> ContactState:

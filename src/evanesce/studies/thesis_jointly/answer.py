@@ -17,7 +17,6 @@ from evanesce.studies.thesis_jointly.judge import (
     Judged,
     Tell,
     Verdict,
-    judge,
     judge_set,
     left_out,
     refitted_odds,
@@ -44,7 +43,8 @@ POOLED = 2000
 LOW, HIGH = 5.0, 95.0
 """Percentiles of all intervals."""
 SHOWN_SETS = 10
-RIDGED = "ridged_over_smooth"
+RIDGED = ("ridged_over_smooth", "ridged_depth", "ridged_friction")
+"""Kinds of outcomes that ridges alone decide: judged by themselves, together."""
 DOUBTFUL = 0.1
 """Probability of being unexplained, by sets linear about their fits, above which fits decide."""
 NAMED = 0.95
@@ -93,12 +93,12 @@ def criticise_thesis(
     dict
         JSON-able; units stand beside figures.
     """
-    ridged = [g for g in outcomes.groups if g.endswith(RIDGED)]
-    rest = replace(outcomes, rows=tuple(r for r in outcomes.rows if r.group not in ridged))
+    ridged = tuple(row for row in outcomes.rows if row.outcome.kind in RIDGED)
+    rest = replace(outcomes, rows=tuple(r for r in outcomes.rows if r.outcome.kind not in RIDGED))
     verdict = settled(rest, list(sets) or list(all_sets()), tell)
     found = [_outcomes_of(verdict, group, tell) for group in rest.groups]
-    ridges = [judge(outcomes.only(group), RIDGE_SETS) for group in ridged]
-    found += [_outcomes_of(one, one.outcomes.groups[0], tell) for one in ridges]
+    ridges = [settled(replace(outcomes, rows=ridged), RIDGE_SETS, tell)] if ridged else []
+    found += [_outcomes_of(one, group, tell) for one in ridges for group in one.outcomes.groups]
     tell("what to measure next")
     menu = ranked(verdict)
     return {
@@ -112,7 +112,7 @@ def criticise_thesis(
         "outcomes": [row for group in found for row in group],
         "alternatives": [_alternative(verdict, one) for one in ALTERNATIVES],
         "scattering_of_the_other_bundle": alone(),
-        "unexplained": list(verdict.unknown),
+        "unexplained": [group for one in (verdict, *ridges) for group in one.unknown],
         "next_measurement": {"advice": summary(menu), "menu": menu},
     }
 

@@ -28,12 +28,16 @@ MATERIALS = ("silskin_0", "silskin_20")
 
 Kind = Literal[
     "read_area", "depth", "cylinder_depth", "youngs_modulus", "friction", "tilt_friction", "ridged_over_smooth",
-    "overshoot", "length_change", "diameter_change", "bone_change", "lost_below", "growth",
+    "ridged_depth", "ridged_friction", "fe_area", "overshoot",
+    "length_change", "diameter_change", "bone_change", "lost_below", "growth",
 ]  # fmt: skip
-LOGARITHMIC = {"read_area", "depth", "cylinder_depth", "youngs_modulus", "friction", "ridged_over_smooth"}
+LOGARITHMIC = {
+    "read_area", "fe_area", "depth", "cylinder_depth", "youngs_modulus", "friction", "ridged_over_smooth",
+    "ridged_friction",
+}  # fmt: skip
 NEEDS = {
     "read_area": "force_N", "depth": "force_N", "cylinder_depth": "force_N", "friction": "force_N",
-    "overshoot": "friction", "growth": "force_N",
+    "overshoot": "friction", "growth": "force_N", "fe_area": "force_N", "ridged_friction": "force_N",
 }  # fmt: skip
 """Condition that a kind of outcome has to state."""
 FORCES_N, FRICTIONS = (0.1, 10.0), (0.6, 1.2)

@@ -7,7 +7,8 @@
 segmentation reads over the true one, of a smooth contact in the thesis's rig as the nominal scene has it (threshold
 0.15), and its axes: ``log_area`` (true area [mm^2]), ``share`` and ``length_mm`` of subsurface scattering, ``level``
 (logarithm of the light over the nominal one). ``ridges.csv`` holds the ridged over the smooth area of Silskin 0 % at
-1 N, against bone, ridge height and pitch, the mean of a crest and a furrow at the tip and half their difference.
+1 N, against bone, ridge height and pitch, the mean of a crest and a furrow at the tip and half their difference; and
+the share by which the ridged finger is pressed deeper.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from evanesce.bundle.layout import Series
+from evanesce.contact.halfspace.resolved import contact_area
 from evanesce.inference.series.predict import SeriesPredictor
 from evanesce.materials.tables import read_tables
 from evanesce.rig import Scene, load_scene
-from evanesce.studies.mechanics.ridges import GRID, Ridging, pressed, ridged_area
+from evanesce.studies.mechanics.ridges import GRID, Ridging, pressed, ridged_press
 from evanesce.studies.mechanics.study import modulus_at_ridges
 
 DATA = Path(__file__).resolve().parent / "data"
@@ -90,7 +92,7 @@ def reading_table(scene: Scene) -> np.ndarray:
 
 
 def ridge_rows() -> list[tuple[float, ...]]:
-    """Return bone share, height, pitch, mean ratio and half the difference between a crest and a furrow at the tip.
+    """Return bone share, height, pitch, mean ratio, half the difference of crest and furrow, share of greater depth.
 
     Returns
     -------
@@ -100,15 +102,18 @@ def ridge_rows() -> list[tuple[float, ...]]:
     rows: list[tuple[float, ...]] = []
     for share, bone in ((0.0, "none"), (0.5, "half")):
         smooth = pressed(bone, 1.0)
-        plain = ridged_area(smooth, modulus, np.zeros(GRID.shape))
+        plain = ridged_press(smooth, modulus, np.zeros(GRID.shape))
+        plain_area = contact_area(plain.pressure > 0, GRID.pitch)
         for height in HEIGHTS:
             for pitch in PITCHES:
-                both = [
-                    ridged_area(smooth, modulus, Ridging(pitch, furrow, 0.0).heights(height)) / plain
+                found = [
+                    ridged_press(smooth, modulus, Ridging(pitch, furrow, 0.0).heights(height))
                     for furrow in (False, True)
                 ]
+                both = [contact_area(one.pressure > 0, GRID.pitch) / plain_area for one in found]
                 half = abs(both[1] - both[0]) / 2
-                rows.append((share, height, pitch, round(sum(both) / 2, 4), round(half, 4)))
+                deeper = (sum(one.depth for one in found) / 2 - plain.depth) / smooth.depth
+                rows.append((share, height, pitch, round(sum(both) / 2, 4), round(half, 4), round(deeper, 4)))
     return rows
 
 
@@ -122,7 +127,7 @@ def main(scene: str) -> None:
     """
     with RIDGES.open("w", newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(("bone_share", "height_mm", "pitch_mm", "ratio", "half_difference"))
+        writer.writerow(("bone_share", "height_mm", "pitch_mm", "ratio", "half_difference", "deeper"))
         writer.writerows(ridge_rows())
     axes = {"log_area": np.log(AREAS), "share": SHARES, "length_mm": LENGTHS, "level": LEVELS}
     table = reading_table(load_scene(scene))

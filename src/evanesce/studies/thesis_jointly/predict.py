@@ -155,9 +155,28 @@ class Fingers:
     def _tilt_friction(self, row: Row) -> Array:
         return self.zero  # a sphere's contact does not know its tilt
 
-    def _ridged_over_smooth(self, row: Row) -> Array:
+    @property
+    def elements(self) -> tuple[Array, Array]:
+        """Height and pitch of the ridges of the thesis's finite elements [mm] (points,)."""
         height = DRAWN_MM if "ridges_as_drawn" in self.on else MOULDED_MM
-        return tables.log_ridged_over_smooth(self.zero + height, np.exp(self.get("@pitch")))
+        return self.zero + height, np.exp(self.get("@pitch"))
+
+    def _ridged_over_smooth(self, row: Row) -> Array:
+        return np.log(tables.ridged_over_smooth(*self.elements))
+
+    def _ridged_depth(self, row: Row) -> Array:
+        return tables.ridged_deeper(*self.elements)
+
+    def _ridged_friction(self, row: Row) -> Array:
+        """Return ridged over smooth friction: that of the moulded ridges' true area, by what smooth friction leaves."""
+        ratio = tables.ridged_over_smooth(self.zero + MOULDED_MM, np.exp(self.get("@pitch")))
+        sticking, law = np.exp(self._friction(row)), material(row.material).friction
+        assert law is not None  # both materials have one in the tables
+        return np.log(ratio + (1.0 - ratio) * law.alpha / sticking)
+
+    def _fe_area(self, row: Row) -> Array:
+        """Return the area of the thesis's own finite elements: of table 6, whatever the finger is."""
+        return tables.solved_press(row.material, self.bone, np.log(self.zero + _force(row)))[1]
 
     def _overshoot(self, row: Row) -> Array:
         assert row.outcome.at.friction is not None  # checked by Outcome

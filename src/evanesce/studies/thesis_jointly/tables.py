@@ -158,19 +158,24 @@ def log_read_over_true(log_area: Array, share: Array, length: Array, level: Arra
     return _reading()(log_area, share, length, level)
 
 
-@lru_cache(maxsize=1)
-def _ridges() -> Grid:
+@lru_cache(maxsize=2)
+def _ridges(column: str) -> Grid:
     found = defaultdict(list)
     for row in _rows("ridges.csv"):
-        found[float(row["height_mm"]), float(row["pitch_mm"])].append(float(row["ratio"]))
+        found[float(row["height_mm"]), float(row["pitch_mm"])].append(float(row[column]))
     heights, pitches = (sorted({key[k] for key in found}) for k in (0, 1))
-    table = [[np.log(np.mean(found[h, p])) for p in pitches] for h in heights]
+    table = [[np.mean(found[h, p]) for p in pitches] for h in heights]
     return Grid((np.array(heights), np.array(pitches)), np.array(table))
 
 
-def log_ridged_over_smooth(height: Array, pitch: Array) -> Array:
-    """Return the logarithm of ridged over smooth area at 1 N, Silskin 0 %, by height and pitch of the ridges [mm]."""
-    return _ridges()(height, pitch)
+def ridged_over_smooth(height: Array, pitch: Array) -> Array:
+    """Return ridged over smooth area at 1 N, Silskin 0 %, by height and pitch of the ridges [mm]."""
+    return _ridges("ratio")(height, pitch)
+
+
+def ridged_deeper(height: Array, pitch: Array) -> Array:
+    """Return ridged over smooth depth at 1 N, less 1, Silskin 0 %, by height and pitch of the ridges [mm]."""
+    return _ridges("deeper")(height, pitch)
 
 
 @lru_cache(maxsize=8)

@@ -124,9 +124,9 @@ def test_jpeg_is_found_and_what_it_changes_on_average_is_predicted(folder: Path,
     model, point = model_of(target)
     behind = codec_behind(model, point)
     assert behind is not None
-    assert behind[0].kind == "jpeg"
-    assert abs(behind[0].quality - 75) <= 6
-    found = filmed(model, point, *behind).made
+    assert behind.codec.kind == "jpeg"
+    assert abs(behind.codec.quality - 75) <= 6
+    found = filmed(model, point, behind).made
     # Against the frames before they were coded, which only this test has.
     changed = model.data.cube - model_of(folder)[0].data.cube
     dark = [k for k, view in enumerate(model.data.views) if view.kind in ("led_off", "lens_cap")]

@@ -10,7 +10,7 @@ import pytest
 from evanesce.core import threads
 from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.observe import pixel_scatter
-from evanesce.prediction.recoded import Codec, Recoded, Shooting, recoded
+from evanesce.prediction.recoded import ENCODERS, Codec, Likely, Recoded, Shooting, recoded
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.rig import load_scene
@@ -60,11 +60,42 @@ def test_the_codec_is_the_one_that_was_used(shooting: Shooting, level: np.ndarra
     frames = np.array(list(codec.through(film())))[-12:]
     held = binned(frames)
     made = [lambda state=state: state for state in before]
-    found, size = codec_of(shooting, level, made, held, pixel_scatter(list(frames), 1), np.random.default_rng(1))
+    likely = codec_of(shooting, level, made, held, pixel_scatter(list(frames), 1), np.random.default_rng(1))
+    found, size = likely.codec, likely.scale
     assert found.kind == codec.kind
     assert abs(found.quality - codec.quality) <= 2
     # How much noise came in and how much was kept back take each other's place: 0.2 to one step of quality.
     assert size == pytest.approx(scale, abs=0.2 * max(abs(found.quality - codec.quality), 1))
+
+
+def test_draws_are_as_frequent_as_codecs_are_probable() -> None:
+    likely = Likely(tuple(Codec("h264", q) for q in (26, 25, 28)), (1.0, 1.1, 0.9), (0.6, 0.3, 0.1))
+    drawn = likely.drawn(20)
+    assert [sum(codec.quality == q for codec, _ in drawn) for q in (26, 25, 28)] == [12, 6, 2]
+    assert all(scale == {26: 1.0, 25: 1.1, 28: 0.9}[codec.quality] for codec, scale in drawn)
+    assert Likely.alone(likely.codec, 1.2).drawn(3) == [(likely.codec, 1.2)] * 3
+
+
+@pytest.mark.parametrize("encoder", [ENCODERS[1], *(pytest.param(one, marks=pytest.mark.slow) for one in ENCODERS[2:])])
+def test_another_encoder_is_known_by_its_noise(shooting: Shooting, level: np.ndarray, encoder: str) -> None:
+    """As x264 is by default, without quality by content, or as little as it searches: draws were once of one kind."""
+    own = Codec("h264", 24, 3, encoder)
+    noise = np.random.default_rng(8)
+
+    def film() -> Iterator[np.ndarray]:
+        for state in [0.6 * level, 0.8 * level, *[level] * 12]:
+            frames = shooting.frames(shooting.signal(state), noise)
+            for _ in range(own.filmed):
+                yield next(frames)
+
+    frames = np.array(list(own.through(film())))[-12:]
+    states = [lambda: 0.6 * level, lambda: 0.8 * level]
+    scatter = pixel_scatter(list(frames), 1)
+    drawn = codec_of(shooting, level, states, binned(frames), scatter, np.random.default_rng(1)).drawn(24)
+    alike = [codec.quality for codec, _ in drawn if codec.encoder == encoder]
+    assert len(alike) > 24 / len(ENCODERS)
+    assert np.mean(alike) == pytest.approx(own.quality, abs=1.2)
+    assert len(alike) < 24  # another one of another quality leaves as much noise
 
 
 def test_jpeg_is_that_of_the_library(shooting: Shooting, level: np.ndarray) -> None:
@@ -87,7 +118,13 @@ def made(shooting: Shooting, level: np.ndarray) -> tuple[Recoded, np.ndarray]:
     """Of two views, and what 60 frames of the first really are, of a film of its own."""
     codec, views = Codec("jpeg", 75), (View(kind="press", force_N=1.0), View(kind="replicate", force_N=1.0, frames=3))
     expected = np.array([binned(level), binned(0.5 * level)])
-    found = recoded(shooting, lambda k: (level, 0.5 * level)[k], views, codec, np.random.default_rng(6))
+    found = recoded(
+        shooting,
+        lambda k: (level, 0.5 * level)[k],
+        views,
+        Likely.alone(codec, shooting.scale),
+        np.random.default_rng(6),
+    )
     return found, binned(shot(shooting, codec, level, 60, seed=77)) - expected[0]
 
 
@@ -110,7 +147,10 @@ def test_what_outlives_a_codec_and_what_it_rounds(shooting: Shooting, level: np.
     """Next to nothing is lost by a JPEG of highest quality, most by a strong one; rounding is what nothing dithers."""
     views = (View(kind="press", force_N=1.0),)
     fine, coarse = (
-        recoded(shooting, lambda k: level, views, Codec("jpeg", q), np.random.default_rng(6)) for q in (98, 20)
+        recoded(
+            shooting, lambda k: level, views, Likely.alone(Codec("jpeg", q), shooting.scale), np.random.default_rng(6)
+        )
+        for q in (98, 20)
     )
     assert fine.passed[0] == pytest.approx(1.0, abs=0.05)
     assert coarse.passed[0] < 0.6
@@ -128,7 +168,13 @@ def test_draws_are_the_same_by_one_thread_or_two(
     for count in (1, 2):
         monkeypatch.setattr(threads, "THREADS", count)
         found.append(
-            recoded(shooting, lambda k: (level, 0.5 * level)[k], views, Codec("jpeg", 60), np.random.default_rng(6))
+            recoded(
+                shooting,
+                lambda k: (level, 0.5 * level)[k],
+                views,
+                Likely.alone(Codec("jpeg", 60), shooting.scale),
+                np.random.default_rng(6),
+            )
         )
     for name in ("bias", "fields", "passed"):
         np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))

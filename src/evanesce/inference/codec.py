@@ -23,7 +23,7 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.prediction import priors
 from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.noise_scale import noise_scale_of
-from evanesce.prediction.recoded import DRAWS, Codec, Recoded, Shooting, recoded
+from evanesce.prediction.recoded import DRAWS, Codec, Likely, Recoded, Shooting, recoded
 
 Array = NDArray[Any]
 
@@ -76,8 +76,8 @@ class Filmed:
         return np.pad(rows, ((0, 0), (0, model.observed.size - rows.shape[1])))
 
 
-def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Codec, float] | None:
-    """Return the codec that the frames came through, and the noise's scale before it; None where they show none.
+def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> Likely | None:
+    """Return the codecs that the frames may have come through, and noise before them; None where they show none.
 
     Parameters
     ----------
@@ -97,26 +97,25 @@ def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> tuple[Code
     before = [partial(picture, k) for k, view in enumerate(data.views) if view.kind == "press"]
     held, scatter = observation.held["replicate"], observation.scatter["replicate"]
     shooting, rng = _shooting(model, size.value), generator(0, "codec")
-    codec, scale = codec_of(shooting, picture(place), before, held, scatter, rng, known)
-    return codec, stepped(scale, SCALE_STEP)
+    found = codec_of(shooting, picture(place), before, held, scatter, rng, known)
+    return replace(found, scales=tuple(stepped(scale, SCALE_STEP) for scale in found.scales))
 
 
-def filmed(model: AnchoredModel, point: Mapping[str, float], codec: Codec, scale: float, most: int = DRAWS) -> Filmed:
+def filmed(model: AnchoredModel, point: Mapping[str, float], likely: Likely, most: int = DRAWS) -> Filmed:
     """Return what a codec does to the frames predicted at a point.
 
     Parameters
     ----------
     model : AnchoredModel
     point : mapping
-    codec : Codec
-    scale : float
-        Real over modelled noise before the tone curve.
+    likely : Likely
+        What the frames may have come through.
     most : int
         Draws at the most.
     """
     picture = model.fine(point).picture
-    made = recoded(_shooting(model, scale), picture, model.data.views, codec, generator(1, "codec"), most)
-    return Filmed(made, scale)
+    made = recoded(_shooting(model, likely.scale), picture, model.data.views, likely, generator(1, "codec"), most)
+    return Filmed(made, likely.scale)
 
 
 def _shooting(model: AnchoredModel, scale: float) -> Shooting:

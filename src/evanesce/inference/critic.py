@@ -35,7 +35,7 @@ from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.processes import processes
-from evanesce.prediction.recoded import DRAWS, Codec
+from evanesce.prediction.recoded import DRAWS, Likely
 from evanesce.prediction.views import BIN_PX
 
 Array = NDArray[Any]
@@ -135,8 +135,8 @@ class Start:
     gate : Gate
     fitter : Fitter
     base : JointFit
-    behind : tuple of Codec and float, optional
-        What the frames came through and the noise's scale before it; None where noise gives none away.
+    behind : Likely, optional
+        What the frames may have come through; None where noise gives none away.
     film : Filmed, optional
         What it made of the frames.
     """
@@ -146,7 +146,7 @@ class Start:
     gate: Gate
     fitter: Fitter
     base: JointFit
-    behind: tuple[Codec, float] | None = None
+    behind: Likely | None = None
     film: Filmed | None = None
 
     @property
@@ -157,7 +157,7 @@ class Start:
     @property
     def codec(self) -> str:
         """Like which the frames came through one; empty where noise gives none away."""
-        return str(self.behind[0]) if self.behind else ""
+        return str(self.behind.codec) if self.behind else ""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -278,7 +278,7 @@ def started(bundle: Bundle, tell: Tell = lambda line: None) -> Start:
     behind = codec_behind(model, point)
     if behind is None:
         return Start(observation, model, gate, fitter, base)
-    tell(f"frames came through a codec like {behind[0]}")
+    tell(f"frames came through a codec like {behind.codec}")
     start = Start(observation, model, gate, fitter, base, behind)
     for draws in (FIRST_DRAWS, DRAWS):
         start = _filmed_at(bundle, start, point, base, draws)
@@ -309,7 +309,7 @@ def _filmed_at(bundle: Bundle, start: Start, point: Mapping[str, float], fit: Jo
     """Return the nominal fit by what a codec makes of the frames predicted at a point, and what a fit leaves."""
     assert start.behind is not None
     model = start.model
-    film = filmed(model, point, *start.behind, draws)
+    film = filmed(model, point, start.behind, draws)
     left = model.data.cube - model.cube(fit.point) + model.codec_bias - film.made.bias
     coded = with_series(start.observation, film.data(model.data, left), bundle)
     coded.codec_bias, coded.recoded = film.made.bias, film.made

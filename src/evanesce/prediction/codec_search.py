@@ -16,8 +16,9 @@ from scipy import ndimage
 
 from evanesce.core.threads import one_by_one
 from evanesce.prediction.observe import pixel_scatter
-from evanesce.prediction.recoded import Codec, Kind, Shooting
+from evanesce.prediction.recoded import ENCODERS, Codec, Kind, Likely, Shooting
 from evanesce.prediction.views import BIN_PX
+from evanesce.sensor.codec import STEADY
 
 Array = NDArray[Any]
 
@@ -29,6 +30,12 @@ NOISE_FACTORS = (0.8, 1.0, 1.25)
 
 REFINED = ((2, 1.12), (1, 1.06))
 """Rounds about the best: steps of quality, and of the noise before the codec, together."""
+
+OTHERS = (-4, -2, 0, 2, 4)
+"""Steps of quality from the best at which other encoders are tried: one that looks ahead keeps less of the noise."""
+
+LEAST_LIKELY = 0.01
+"""Over the most probable one: less probable ones are no draw of some tens."""
 
 SCALE_UNKNOWN = 0.25
 """Standard deviation of that noise's logarithm: what is believed was read off a level that the codec displaced."""
@@ -57,8 +64,8 @@ def codec_of(
     scatter: tuple[Array, Array],
     rng: np.random.Generator,
     known: Codec | None = None,
-) -> tuple[Codec, float]:
-    """Return the codec through which noise comes as it came in the replicates, and the scale of that noise.
+) -> Likely:
+    """Return the codecs through which noise comes as it came in the replicates, with the scale of that noise.
 
     Parameters
     ----------
@@ -102,19 +109,43 @@ def codec_of(
         new = [pair for pair in dict.fromkeys(pairs) if pair not in tried]
         tried.update(zip(new, one_by_one(lambda k: unlike(*new[k]), len(new)), strict=True))
 
+    def refine(encoder: str) -> tuple[Codec, float]:
+        own = [pair for pair in tried if pair[0].encoder == encoder]
+        for steps, times in REFINED:
+            # How much noise came in and how much was kept back take each other's place.
+            best, scale = min(own, key=lambda t: tried[t])
+            around = itertools.product((0,) if known else (-steps, 0, steps), (1.0 / times, 1.0, times))
+            attempt((best.worse(step), scale * factor) for step, factor in around)
+            own = [pair for pair in tried if pair[0].encoder == encoder]
+        return min(own, key=lambda t: tried[t])
+
     first = [Codec(kind, q, FILMED if kind == "h264" else 1) for kind, own in QUALITIES.items() for q in own]
     every = NOISE_FACTORS if known else (1.0,)
     pairs = [(known or c, f) for c in first for f in (NOISE_FACTORS if c.kind == "h264" else every)]
     attempt((codec, shooting.scale * factor) for codec, factor in pairs)
-    for steps, times in REFINED:
-        # How much noise came in and how much was kept back take each other's place.
-        best, scale = min(tried, key=lambda t: tried[t])
-        around = itertools.product((0,) if known else (-steps, 0, steps), (1.0 / times, 1.0, times))
-        attempt((best.worse(step), scale * factor) for step, factor in around)
-    best, scale = min(tried, key=lambda t: tried[t])
+    best, scale = refine(STEADY)
     if best.kind == "h264":
         attempt([(replace(best, filmed=1), scale)])
-    return min(tried, key=lambda t: tried[t])
+        for one in ENCODERS[1:]:
+            attempt((replace(best, encoder=one).worse(step), scale) for step in OTHERS)
+            refine(one)
+    return _likely(tried, np.isfinite(seen).sum())
+
+
+def _likely(tried: Mapping[tuple[Codec, float], float], traits: int) -> Likely:
+    """Return what was tried by its probability, from sums of squared deviations of so many traits.
+
+    Where the best is as unlike as no noise makes it, the encoder is another one, and the others are not less alike by
+    more than in proportion.
+    """
+    least = min(tried.values())
+    wide = max(least / traits, 1.0)
+    weights = {pair: float(np.exp(0.5 * (least - off) / wide)) for pair, off in tried.items()}
+    kept = sorted((p for p, weight in weights.items() if weight > LEAST_LIKELY), key=lambda p: -weights[p])
+    total = sum(weights[pair] for pair in kept)
+    return Likely(
+        tuple(codec for codec, _ in kept), tuple(scale for _, scale in kept), tuple(weights[p] / total for p in kept)
+    )
 
 
 def _brightest(level: Array, most: tuple[int, ...]) -> tuple[slice, slice]:

@@ -28,7 +28,7 @@ from evanesce.prediction.correlation import Correlation
 from evanesce.prediction.tone import expected_tone, signal_sd
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Camera
-from evanesce.sensor.codec import VideoWriter
+from evanesce.sensor.codec import STEADY, VideoWriter
 from evanesce.sensor.expose import frame_of
 
 Array = NDArray[Any]
@@ -45,10 +45,19 @@ MOST_PIXELS = 1.2e9
 MOST_KEPT = 1e8
 """Pixels of predicted frames that are kept while they are drawn; more are made anew for each draw."""
 
-QUALITY_OFF: Mapping[Kind, float] = {"h264": 1.0, "jpeg": 3.0}
-SCALE_OFF, LIGHT_OFF = 0.07, 0.01
-"""Standard deviations by which draws differ: an encoder's figure from that of another one with as much noise left, the
-logarithms of noise and light. Black levels differ by their prior."""
+QUALITY_OFF: Mapping[Kind, float] = {"h264": 0.0, "jpeg": 3.0}
+SCALE_OFF, LIGHT_OFF = 0.03, 0.01
+"""Standard deviations by which draws differ: a figure of JPEG from that of another encoder with as much noise left, the
+logarithms of noise (half a step of those that were tried) and light. Black levels differ by their prior."""
+
+ENCODERS = (
+    STEADY,
+    "mbtree=1:threads=1:lookahead-threads=1",
+    f"{STEADY}:aq-mode=0",
+    f"{STEADY}:ref=1:subme=2:trellis=0:weightp=0",
+)
+"""Of H.264, by parameters of x264: which one filmed is not known, and what it makes of
+weak contrasts depends on whether it looks ahead, spares flat parts, and how hard it searches."""
 
 BANDS = 2
 """Of spatial frequency, to an octave, over each of which the noise's power is averaged."""
@@ -80,11 +89,14 @@ class Codec:
         Constant rate factor; JPEG's quality.
     filmed : int
         Frames of a video for each that is kept, the last of them.
+    encoder : str
+        Of a video: one of :data:`ENCODERS`.
     """
 
     kind: Kind
     quality: int
     filmed: int = 1
+    encoder: str = STEADY
 
     def __str__(self) -> str:
         name = "H.264 of rate factor" if self.kind == "h264" else "JPEG of quality"
@@ -97,7 +109,7 @@ class Codec:
 
     def through(self, frames: Iterator[Array]) -> Iterator[Array]:
         """Yield frames (rows, cols) of uint8 after the codec, the kept ones."""
-        return _as_video(frames, self.quality, self.filmed) if self.kind == "h264" else _as_jpeg(frames, self.quality)
+        return _as_video(frames, self) if self.kind == "h264" else _as_jpeg(frames, self.quality)
 
 
 def _as_jpeg(frames: Iterator[Array], quality: int) -> Iterator[Array]:
@@ -106,19 +118,57 @@ def _as_jpeg(frames: Iterator[Array], quality: int) -> Iterator[Array]:
         yield np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
 
 
-def _as_video(frames: Iterator[Array], quality: int, filmed: int) -> Iterator[Array]:
+def _as_video(frames: Iterator[Array], codec: Codec) -> Iterator[Array]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         shape = (0, 0)
-        with VideoWriter(path, codec="h264", quality=quality) as film:
+        with VideoWriter(path, codec="h264", quality=codec.quality, x264=codec.encoder) as film:
             for k, frame in enumerate(frames):
                 shape = frame.shape
                 even = np.pad(frame, [(0, n % 2) for n in shape], mode="edge")
                 film.add(Frame(data=even, time=k / 30.0, index=k))
         with av.open(str(path)) as container:
             for k, picture in enumerate(container.decode(video=0)):
-                if k % filmed == filmed - 1:
+                if k % codec.filmed == codec.filmed - 1:
                     yield picture.to_ndarray(format="rgb24")[: shape[0], : shape[1], 1]
+
+
+@dataclass(frozen=True)
+class Likely:
+    """Codecs, with the noise before them, by which noise comes as it came in the replicates.
+
+    Attributes
+    ----------
+    codecs : tuple of Codec
+        The most probable one first.
+    scales : tuple of float
+        Real over modelled noise before the tone curve.
+    probability : tuple of float
+    """
+
+    codecs: tuple[Codec, ...]
+    scales: tuple[float, ...]
+    probability: tuple[float, ...]
+
+    @classmethod
+    def alone(cls, codec: Codec, scale: float) -> Likely:
+        """Return a codec and a noise that are known."""
+        return cls((codec,), (scale,), (1.0,))
+
+    @property
+    def codec(self) -> Codec:
+        """The most probable one."""
+        return self.codecs[0]
+
+    @property
+    def scale(self) -> float:
+        """Noise before the most probable one."""
+        return self.scales[0]
+
+    def drawn(self, count: int) -> list[tuple[Codec, float]]:
+        """Return so many of them with the noise before each, as often as they are probable."""
+        places = np.searchsorted(np.cumsum(self.probability), (np.arange(count) + 0.5) / count)
+        return [(self.codecs[k], self.scales[k]) for k in np.minimum(places, len(self.codecs) - 1)]
 
 
 @dataclass(frozen=True)
@@ -257,7 +307,7 @@ def recoded(
     shooting: Shooting,
     pictures: Callable[[int], Array],
     views: Sequence[View],
-    codec: Codec,
+    likely: Likely,
     rng: np.random.Generator,
     most: int = DRAWS,
 ) -> Recoded:
@@ -271,11 +321,13 @@ def recoded(
     pictures : callable
         The mean frame (real rows, real cols) of a view by its number [DN].
     views : sequence of View
-    codec : Codec
+    likely : Likely
+        What the frames may have come through.
     rng : numpy.random.Generator
     most : int
         Draws at the most.
     """
+    codec = likely.codec
     size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
     draws = min(int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS)), most)
     kept: list[Array] | None = None
@@ -289,12 +341,14 @@ def recoded(
         with making:
             return pictures(k)
 
-    draws_of = rng.spawn(draws)
+    draws_of, codecs = rng.spawn(draws), likely.drawn(draws)
 
     def drawn(number: int) -> tuple[Array, Array, Array]:
         own = draws_of[number]
+        own_codec, scale = codecs[number]
         off = round(float(own.standard_normal()) * QUALITY_OFF[codec.kind])
-        return _one_draw(shooting.another(own), picture_of, views, codec.worse(off), own)
+        taking = replace(shooting, scale=scale).another(own)
+        return _one_draw(taking, picture_of, views, own_codec.worse(off), own)
 
     noise, change = [], []
     total: Any = 0.0

@@ -34,8 +34,9 @@ _H264 = ("h264", *PI_CODECS)
 _SUFFIXES: dict[str, tuple[str, ...]] = {"ffv1": (".mkv",)} | dict.fromkeys(_H264, (".mp4", ".mov", ".mkv"))
 ENCODER_THREADS = 4
 """Of x264, whose pictures depend on their number: as many on every machine."""
-_X264 = "mbtree=0"
-"""Its macroblock tree, which no encoder of a Pi has either, makes some videos of the same frames differ."""
+STEADY = "mbtree=0"
+"""Parameters of x264: its macroblock tree, which no encoder of a Pi has either, makes some videos of the same frames
+differ."""
 _ENCODERS = {"ffv1": "ffv1"} | dict.fromkeys(_H264, "libx264")
 
 
@@ -143,6 +144,8 @@ class VideoWriter:
         Constant rate factor of ``h264``, 0 (best) to 51.
     pi_quality : {"very low", "low", "medium", "high", "very high"}
         Of the Pi's encoders.
+    x264 : str
+        Parameters of ``h264``'s encoder, ``name=value`` with colons between them.
 
     Raises
     ------
@@ -154,14 +157,14 @@ class VideoWriter:
 
     def __init__(
         self, path: Path, *, codec: VideoCodec = "h264", frame_rate_hz: float = 30.0, quality: int = 18,
-        pi_quality: PiQuality = "medium",
+        pi_quality: PiQuality = "medium", x264: str = STEADY,
     ):  # fmt: skip
         if path.suffix not in _SUFFIXES[codec]:
             raise InputError(
                 f"{path.suffix or 'no suffix'} does not hold {codec}", file=path, allowed=", ".join(_SUFFIXES[codec])
             )
         self.path, self.codec = path, codec
-        self.frame_rate_hz, self.quality, self.pi_quality = frame_rate_hz, quality, pi_quality
+        self.frame_rate_hz, self.quality, self.pi_quality, self.x264 = frame_rate_hz, quality, pi_quality, x264
         self._ticks: list[int] = []
         self._size: tuple[int, int] | None = None
         self._stream: Any = None
@@ -211,7 +214,7 @@ class VideoWriter:
         stream.time_base = stream.codec_context.time_base = self._tick
         if self.codec == "h264":
             stream.options = {
-                "crf": str(self.quality), "bf": "0", "threads": str(ENCODER_THREADS), "x264-params": _X264,
+                "crf": str(self.quality), "bf": "0", "threads": str(ENCODER_THREADS), "x264-params": self.x264,
             }  # fmt: skip
         elif self.codec in PI_CODECS:
             bits = bit_rate(self.codec, (rows, cols), self.frame_rate_hz, self.pi_quality)

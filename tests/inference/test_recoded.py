@@ -93,9 +93,9 @@ def test_another_encoder_is_known_by_its_noise(shooting: Shooting, level: np.nda
     scatter = pixel_scatter(list(frames), 1)
     drawn = codec_of(shooting, level, states, binned(frames), scatter, np.random.default_rng(1)).drawn(24)
     alike = [codec.quality for codec, _ in drawn if codec.encoder == encoder]
-    assert len(alike) > 24 / len(ENCODERS)
+    assert len(alike) >= 24 / len(ENCODERS)
     assert np.mean(alike) == pytest.approx(own.quality, abs=1.2)
-    assert len(alike) < 24  # another one of another quality leaves as much noise
+    assert len(alike) < 24  # others of another quality leave as much noise, and make other errors of the levels
 
 
 def test_jpeg_is_that_of_the_library(shooting: Shooting, level: np.ndarray) -> None:

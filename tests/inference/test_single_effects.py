@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.inference.answer import verdict_of, warnings_of
+from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.judge import Judge
@@ -162,6 +162,15 @@ def test_doubts_are_said_before_probabilities_are_believed():
     (unknown,) = warnings_of("causes and unknown", True, replicates=True)
     assert "stand in" in unknown
     assert warnings_of("unknown", False, replicates=True) == []
+
+
+def test_the_first_line_says_what_makes_it_doubtful():
+    structure = left(lambda x, y: 0.02 * np.cos(2 * np.pi * 0.3 * x))
+    note = "a codec left 6 % of the camera's noise"
+    told = first_line("unknown", [], 0.0, structure, None, "", [note])
+    assert told.startswith(f"CAUTION: {note}. There is something")
+    assert "CAUTION" not in first_line("unknown", [], 0.0, structure, None, "")
+    assert "CAUTION" not in first_line("none", [], 0.0, structure, None, "", [note])
 
 
 def test_a_fit_stands_above_drawn_forms():

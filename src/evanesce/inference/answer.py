@@ -236,7 +236,7 @@ def answer(
         "version": VERSION,
         "method": "joint",
         "verdict": verdict,
-        "first_line": first_line(verdict, named, explained, left, gain, told_fields(search.unknown)),
+        "first_line": first_line(verdict, named, explained, left, gain, told_fields(search.unknown), notes),
         "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
@@ -278,7 +278,13 @@ def warnings_of(verdict: str, named: bool, *, replicates: bool) -> list[str]:
 
 
 def first_line(
-    verdict: str, named: list[Named], explained: float, left: Unexplained, gain: Gain | None, fields: str
+    verdict: str,
+    named: list[Named],
+    explained: float,
+    left: Unexplained,
+    gain: Gain | None,
+    fields: str,
+    notes: Sequence[str] = (),
 ) -> str:
     """Return the sentence that a reader needs if they read no other.
 
@@ -288,16 +294,18 @@ def first_line(
         As in :func:`answer`.
     fields : str
         What was taken as unknown, in words.
+    notes : sequence of str
+        What makes it doubtful.
     """
     told = left.sentence() if left.found else fields
     if verdict == "none":
         return "The data are what the scene predicts, as far as their scatter lets anything be seen."
+    warning = "".join(f"CAUTION: {note}. " for note in notes)
     if not named:
-        return f"There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
-    warning = ""
+        return f"{warning}There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
     if gain is not None and gain.worse:
         before, after = gain.area_percent
-        warning = f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
+        warning += f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
     words = [_told(cause) for cause in named if not cause.listed]
     without = ", ".join(cause.told for cause in named if cause.listed)
     beside = ("; without" if words else "; none has an") + f" effect on the area: {without}" if without else ""

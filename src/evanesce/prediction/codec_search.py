@@ -135,13 +135,24 @@ def codec_of(
 def _likely(tried: Mapping[tuple[Codec, float], float], traits: int) -> Likely:
     """Return what was tried by its probability, from sums of squared deviations of so many traits.
 
-    Where the best is as unlike as no noise makes it, the encoder is another one, and the others are not less alike by
-    more than in proportion.
+    Of one encoder, traits tell quality and noise. Which encoder it was they hardly tell: the one that filmed is like
+    none of those tried, and all its traits are off together, so that they count as one.
     """
-    least = min(tried.values())
+    every = {
+        codec.encoder: min(off for (c, _), off in tried.items() if c.encoder == codec.encoder) for codec, _ in tried
+    }
+    least = min(every.values())
     wide = max(least / traits, 1.0)
-    weights = {pair: float(np.exp(0.5 * (least - off) / wide)) for pair, off in tried.items()}
-    kept = sorted((p for p, weight in weights.items() if weight > LEAST_LIKELY), key=lambda p: -weights[p])
+    shares = {name: float(np.exp(0.5 * (least - off) / (wide * traits))) for name, off in every.items()}
+    weights: dict[tuple[Codec, float], float] = {}
+    for name, share in shares.items():
+        own = {pair: off for pair, off in tried.items() if pair[0].encoder == name}
+        alike = {pair: float(np.exp(0.5 * (every[name] - off) / wide)) for pair, off in own.items()}
+        weights |= {pair: share * weight / sum(alike.values()) for pair, weight in alike.items()}
+    largest = max(weights.values())
+    kept = sorted((p for p, weight in weights.items() if weight > LEAST_LIKELY * largest), key=lambda p: -weights[p])
+    # The one that is told is the most alike, even where others share what is as probable.
+    kept.insert(0, kept.pop(kept.index(min(kept, key=lambda p: tried[p]))))
     total = sum(weights[pair] for pair in kept)
     return Likely(
         tuple(codec for codec, _ in kept), tuple(scale for _, scale in kept), tuple(weights[p] / total for p in kept)

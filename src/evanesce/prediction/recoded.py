@@ -140,7 +140,7 @@ class Likely:
     Attributes
     ----------
     codecs : tuple of Codec
-        The most probable one first.
+        The most alike one first.
     scales : tuple of float
         Real over modelled noise before the tone curve.
     probability : tuple of float
@@ -157,12 +157,12 @@ class Likely:
 
     @property
     def codec(self) -> Codec:
-        """The most probable one."""
+        """The most alike one."""
         return self.codecs[0]
 
     @property
     def scale(self) -> float:
-        """Noise before the most probable one."""
+        """Noise before the most alike one."""
         return self.scales[0]
 
     def drawn(self, count: int) -> list[tuple[Codec, float]]:

@@ -212,6 +212,9 @@ def test_the_printed_declaration_holds_every_key_and_reads_back(tmp_path):
             assert re.search(rf"^(# )?{key} =|^\[{key}\]|^\[\w+\.{key}\]", printed.output, re.MULTILINE), key
     assert re.search(r"^normal_force_N = .*# 0\.02 to 100 N$", printed.output, re.MULTILINE)
     assert re.search(r"^pattern = \"print_loop\"  # parallel, .*print_whorl$", printed.output, re.MULTILINE)
+    gripper = runner.invoke(app, ["dataset", "config", "--scene", "gripper"])
+    assert re.search(r"^tip_radius_mm = 10\.0", gripper.output, re.MULTILINE)
+    assert "distortion" not in gripper.output.split("[rig.draw]")[1].split("[randomisation]")[0]
     refused = runner.invoke(app, ["dataset", "config", "--out", str(file)])
     assert refused.exit_code == 2
     assert "exists" in refused.output

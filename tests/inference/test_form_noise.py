@@ -77,6 +77,32 @@ def test_noise_with_heavy_tails_is_seldom_evidence() -> None:
     assert np.mean(np.array(as_believed) > np.log(20.0)) > 0.3
 
 
+def test_noise_of_a_kind_that_was_not_drawn_is_seldom_evidence() -> None:
+    """Four encoders, each with errors of its own that all its draws share: another one's are found by leave-one-out."""
+    rng = np.random.default_rng(9)
+    forms, regions = _forms(rng), rng.standard_normal((40, BINS))
+
+    def noise(kinds: np.ndarray) -> np.ndarray:
+        own = 0.6 * np.random.default_rng(int(rng.integers(1 << 30))).standard_normal((kinds.max() + 1, 40))
+        return rng.standard_normal((len(kinds), BINS)) + own[kinds] @ regions
+
+    kinds = np.arange(DRAWS) % 4
+    draws, others = noise(kinds), noise(np.arange(200))
+    mean, gram = draws.mean(axis=0), forms @ forms.T
+
+    def alarms(known: list[int]) -> float:
+        found = noise_along(gram, forms @ (draws - mean).T, _evidence, known)
+        return float(
+            np.mean([_evidence(*found.marginalised(gram, forms @ (one - mean))) > np.log(20.0) for one in others])
+        )
+
+    assert alarms(kinds.tolist()) < 0.1
+    assert alarms([]) > 2.0 * alarms(kinds.tolist())
+    # One kind alone, or one that leaves too few others, is as if none were told.
+    same = noise_along(gram, forms @ (draws - mean).T, _evidence, [0] * DRAWS)
+    assert same.variance == noise_along(gram, forms @ (draws - mean).T, _evidence).variance
+
+
 def test_too_few_draws_say_nothing() -> None:
     forms = _forms(np.random.default_rng(5))
     found = noise_along(forms @ forms.T, np.zeros((FORMS, 3)), _evidence)

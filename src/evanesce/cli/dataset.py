@@ -103,13 +103,18 @@ def config(
     given: Annotated[
         Path | None, typer.Option("--config", help="A declaration: printed with all that it leaves out.")
     ] = None,
+    scene: Annotated[
+        str, typer.Option("--scene", help="Scene file or name, about whose figures rigs and fingers are drawn.")
+    ] = "thesis",
 ) -> None:
     """Print the default declaration of a dataset: every key with its range, as TOML that `make --config` reads."""
     from evanesce.core.files import write_text
+    from evanesce.dataset.about import about
     from evanesce.dataset.config import load_config
     from evanesce.dataset.template import declaration
+    from evanesce.rig import load_scene
 
-    text = declaration(load_config(given))
+    text = declaration(about(load_config(given), load_scene(scene)))
     if out is None:
         print(text, end="")
         return

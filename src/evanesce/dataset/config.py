@@ -158,8 +158,8 @@ class Fingers(Drawn):
 class Rigs(Strict):
     """Rigs: ``count`` of them are drawn, each a change of the scene and a set of effects; a trial has one.
 
-    ``draw`` maps dotted keys of the scene to distributions; left out, they lie about the scene's figures
-    (:mod:`evanesce.dataset.about`). The ones here are those of the thesis's rig.
+    ``draw`` maps dotted keys of the scene to distributions; left out, it is about the scene's own figures, as the
+    finger's material and tip radius are the scene's.
     """
 
     count: int = field(8, unit="1", bounds=(1, 100_000))

@@ -228,7 +228,7 @@ def _searched(start: Start, exclude: Collection[str], seed: int, tell: Tell) -> 
     if start.film:
         tell("the codec's noise along the forms of causes")
         judge = Judge(fitter, smooth, bank, discrepancy_of(model))
-        start = start.with_noise(*judge.noise(start.base, start.film.draws(model)))
+        start = start.with_noise(*judge.noise(start.base, start.film.draws(model), start.film.made.encoders))
         fitter = start.fitter
     discrepancy = discrepancy_of(model)
     judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)

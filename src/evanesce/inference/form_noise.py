@@ -6,7 +6,7 @@ are few directions of all, what the same draws scatter is known by itself; where
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,11 +63,12 @@ class FormNoise:
         return inner - rows.T @ weights[:, :-1], to - rows.T @ weights[:, -1]
 
 
-def noise_along(gram: Array, along: Array, evidence: Evidence) -> FormNoise:
+def noise_along(gram: Array, along: Array, evidence: Evidence, kinds: Sequence[Hashable] = ()) -> FormNoise:
     """Return the noise along forms by the covariance of draws in their span; never less than is believed.
 
     Noise of a codec is not normal, and few draws show where it is largest. So the covariance is widened until a draw,
-    judged by the others, is evidence for nothing: a Bayes factor has a mean of 1 where there is nothing to find.
+    judged by those of other kinds, is evidence for nothing: a Bayes factor has a mean of 1 where there is nothing to
+    find, and the data's noise is of no kind that was drawn.
 
     Parameters
     ----------
@@ -78,6 +79,8 @@ def noise_along(gram: Array, along: Array, evidence: Evidence) -> FormNoise:
     evidence : callable
         ``evidence(gram, along (forms,)) -> float``: log Bayes factor of all causes over none, by inner products in a
         metric [nats].
+    kinds : sequence, optional
+        Of each draw. Without them, or of one kind alone, draws are judged by all others.
     """
     size, count = np.sqrt(np.diag(gram)), along.shape[1]
     shown = np.flatnonzero(size > 1e-6 * size.max(initial=1e-300))
@@ -89,11 +92,12 @@ def noise_along(gram: Array, along: Array, evidence: Evidence) -> FormNoise:
     to_forms = np.zeros((int(kept.sum()), len(gram)))
     to_forms[:, shown] = (turn[:, kept] / np.sqrt(squares[kept])).T / size[shown]
     samples = to_forms @ along
-    scale, share = _most_predictive(samples)
+    folds = _folds(kinds, count)
+    scale, share = _most_predictive(samples, folds)
     by_others = []
-    for drawn in range(count):
-        others = _along(to_forms, scale * _shrunk(np.delete(samples, drawn, axis=1), share))
-        by_others.append(others.marginalised(gram, along[:, drawn]))
+    for fold in folds:
+        others = _along(to_forms, scale * _shrunk(np.delete(samples, fold, axis=1), share))
+        by_others += [others.marginalised(gram, along[:, drawn]) for drawn in fold]
     widened = widening(lambda times: [evidence(inner / times, to / times) for inner, to in by_others])
     found = _along(to_forms, scale * _shrunk(samples, share))
     return replace(found, variance=found.variance * widened)
@@ -127,21 +131,29 @@ def _along(to_forms: Array, covariance: Array) -> FormNoise:
     return FormNoise(even, np.sqrt(variances[more] / even - 1.0)[:, None] * (axes[:, more].T @ to_forms))
 
 
-def _most_predictive(samples: Array) -> tuple[float, float]:
+def _folds(kinds: Sequence[Hashable], count: int) -> list[list[int]]:
+    """Return the numbers of draws that are left out together: those of a kind, or each by itself."""
+    folds = [[k for k, kind in enumerate(kinds) if kind == one] for one in dict.fromkeys(kinds)]
+    left = count - max((len(fold) for fold in folds), default=count)
+    return folds if left >= LEAST_DRAWS else [[k] for k in range(count)]
+
+
+def _most_predictive(samples: Array, folds: Sequence[Sequence[int]]) -> tuple[float, float]:
     """Return the scale of the covariance of samples (r, n), and the share of it that is replaced.
 
     That of few samples is too small along what they lack and too large along what they have: a share of it is replaced,
-    so that each sample is likeliest by the others (leave-one-out).
+    so that each fold of samples is likeliest by the others.
     """
-    size, count = samples.shape
+    size = len(samples)
     found = []
     for share in SHRINKAGES:
         squares, logs = [], []
-        for left_out in range(count):
-            rest = np.delete(samples, left_out, axis=1)
+        for fold in folds:
+            rest = np.delete(samples, fold, axis=1)
             values, axes = np.linalg.eigh(_shrunk(rest, share))
-            squares.append(float(((axes.T @ (samples[:, left_out] - rest.mean(axis=1))) ** 2 / values).mean()))
-            logs.append(float(np.log(values).sum()))
+            away = axes.T @ (samples[:, fold] - rest.mean(axis=1, keepdims=True))
+            squares += [float(one) for one in (away**2 / values[:, None]).mean(axis=0)]
+            logs += [float(np.log(values).sum())] * len(fold)
         scale = float(np.mean(squares))
         found.append((size * np.log(scale) + float(np.mean(logs)), scale, share))
     return min(found)[1:]

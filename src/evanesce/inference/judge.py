@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -214,8 +214,8 @@ class Judge:
         rows = [self._forms.rows[self._forms.places[block]].astype(np.float32) * a for block, a in unknown.items()]
         return np.concatenate([np.zeros((0, self._forms.rows.shape[1]), np.float32), *rows])
 
-    def noise(self, fitted: JointFit, draws: Array) -> tuple[float, Array]:
-        """Return what whitened draws (n, d) of the noise scatter along all forms.
+    def noise(self, fitted: JointFit, draws: Array, kinds: Sequence[Hashable] = ()) -> tuple[float, Array]:
+        """Return what whitened draws (n, d) of the noise, of some kinds (n,), scatter along all forms.
 
         Returns
         -------
@@ -233,7 +233,7 @@ class Judge:
             shapes, products = self._cut(self._forms, self.known, inner, along)
             return float(statistic_of(np.array(list(place_of(shapes, products).log_bayes.values()))))
 
-        found = noise_along(gram[:count, :count], gram[:count, count:], evidence)
+        found = noise_along(gram[:count, :count], gram[:count, count:], evidence, kinds)
         return found.variance, self._forms.combined(found.factors, self.known)
 
     def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:

@@ -186,6 +186,8 @@ class Recoded:
         Share of the camera's noise, in amplitude, that outlives the codec.
     pixels : tuple of ndarray of float32 (views, pixel rows, pixel cols), optional
         Mean change of the model camera's pixels, and standard deviation of what a single draw adds to it [DN].
+    encoders : tuple of str
+        Of each draw; empty where one made them all.
     """
 
     codec: Codec
@@ -193,6 +195,7 @@ class Recoded:
     fields: Array
     passed: Array
     pixels: tuple[Array, Array] | None = None
+    encoders: tuple[str, ...] = ()
 
     @cached_property
     def sd(self) -> Array:
@@ -367,7 +370,8 @@ def recoded(
     middle = total / draws
     # A draw adds its own to a mean that is uncertain by a part of that.
     scatter = _smooth(np.maximum(square / draws - middle**2, 0.0)) * (draws + 1) / (draws - 1)
-    return Recoded(codec, bias, fields, passed, (middle, np.sqrt(scatter)))
+    encoders = tuple(one.encoder for one, _ in codecs)
+    return Recoded(codec, bias, fields, passed, (middle, np.sqrt(scatter)), encoders if len(set(encoders)) > 1 else ())
 
 
 def _smooth(cube: Array) -> Array:

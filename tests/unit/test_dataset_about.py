@@ -58,3 +58,14 @@ def test_a_distortion_that_folds_over_is_not_drawn() -> None:
     first, last = about(DatasetConfig(), scene).rig.draw["camera.lens.distortion.k1"].support()
     assert first == low
     assert low < last < 0
+
+
+def test_the_sampled_plane_holds_the_contacts_of_a_soft_finger() -> None:
+    default = DatasetConfig().labels
+    plane = new_job(load_scene("soft_slide"), DatasetConfig(), frames=80, seed=1).config.labels
+    assert plane.grid_size_mm > 1.5 * default.grid_size_mm
+    assert plane.grid_size_mm / plane.grid_samples == pytest.approx(default.grid_size_mm / default.grid_samples)
+    assert new_job(load_scene("thesis"), DatasetConfig(), frames=80, seed=1).config.labels == default
+    stated = DatasetConfig.model_validate({"labels": {"grid_size_mm": 10.0}})
+    with pytest.raises(ev.InputError, match=r"labels\.grid_size_mm.*leave the sampled plane"):
+        new_job(load_scene("soft_slide"), stated, frames=80, seed=1)

@@ -108,6 +108,10 @@ def _frames_digest(scene: dict[str, Any], config: dict[str, Any], seed: int) -> 
     return provenance.digest({"scene": scene, "config": config, "seed": seed})
 
 
+MOST_SAMPLES = 1024
+"""Along a side of the sampled plane, up to which it grows by itself: a frame takes ten times as long as by default."""
+
+
 def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> Job:
     """Check a request and round its frames up to complete trials.
 
@@ -119,7 +123,7 @@ def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> J
     if not 0 <= seed < 2**63:
         raise InputError(f"{seed}", key="--seed", allowed="0 to 2^63 - 1")
     require_count(frames)
-    config = about(config, scene)
+    config = _with_plane(about(config, scene))
     if scene.finger.height_map is not None:
         raise InputError("a height map does not slide", key="finger.height_map", allowed="finger.ridges, or neither")
     refused = MOVES_PIXELS | ACTS_TWICE
@@ -183,30 +187,65 @@ def _ways_fit(job: Job) -> None:
         )  # fmt: skip
 
 
-def _contact_fits(job: Job) -> None:
-    """Refuse contacts that would leave the sampled plane, by the bounds of the distributions."""
+def _with_plane(config: DatasetConfig) -> DatasetConfig:
+    """Return a configuration whose sampled plane holds its contacts, at the same pitch, unless it states a plane."""
+    labels = config.labels
+    if {"grid_size_mm", "grid_samples"} & labels.model_fields_set:
+        return config
+    pitch = labels.grid_size_mm / labels.grid_samples
+    samples = math.ceil(_reach_of(config).plane_mm(pitch) / pitch)
+    if not labels.grid_samples < samples <= MOST_SAMPLES:
+        return config
+    plane = {"grid_size_mm": samples * pitch, "grid_samples": samples}
+    return config.model_copy(update={"labels": labels.model_copy(update=plane)})
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """Largest radius of a tip, of a contact, and way of a contact from its place [mm]."""
+
+    tip: float
+    widest: float
+    travel: float
+
+    def plane_mm(self, pitch: float) -> float:
+        """Return the least side of the sampled plane [mm] by its pitch [mm]."""
+        return 2.0 * (self.widest + self.travel) * 1.02 + 4 * pitch
+
+
+def _reach_of(config: DatasetConfig) -> _Reach:
+    """Return how far contacts reach, by the bounds of the distributions."""
     from evanesce.contact.analytic.hertz import hertz_radius
     from evanesce.materials import material
 
-    config = job.config
-    force = float(config.programme.normal_force_N.support()[1])
-    force *= max(1.0, float(config.programme.second_force_share.support()[1]))
+    force = _largest_force(config)
     radius = float(config.finger.tip_radius_mm.support()[1])
     names = [str(name) for name in config.finger.material.support()]
     widest = max(float(hertz_radius(force, radius, float(material(n).reduced_modulus(force)))) for n in names)
     widest *= CONTACT_MARGIN
     shift = max(abs(float(v)) for v in config.programme.shift_mm.support())
     travel = max(shift, 0.5 * float(config.programme.distance_mm.support()[1]) + _stick_reach(config, force, radius))
-    need = 2.0 * (widest + travel) * 1.02 + 4 * config.labels.grid_size_mm / config.labels.grid_samples
+    return _Reach(radius, widest, travel)
+
+
+def _largest_force(config: DatasetConfig) -> float:
+    force = float(config.programme.normal_force_N.support()[1])
+    return force * max(1.0, float(config.programme.second_force_share.support()[1]))
+
+
+def _contact_fits(job: Job) -> None:
+    """Refuse contacts that would leave the sampled plane, by the bounds of the distributions."""
+    config, reach = job.config, _reach_of(job.config)
+    need = reach.plane_mm(config.labels.grid_size_mm / config.labels.grid_samples)
     if need > config.labels.grid_size_mm:
         raise InputError(
-            f"contacts of up to {widest:.3g} mm radius that travel {travel:.3g} mm leave the sampled plane",
+            f"contacts of up to {reach.widest:.3g} mm radius that travel {reach.travel:.3g} mm leave the sampled plane",
             key="labels.grid_size_mm", allowed=f"at least {need:.4g} mm, or smaller forces and distances",
         )  # fmt: skip
-    if widest >= radius:
+    if reach.widest >= reach.tip:
         raise InputError(
-            f"{force:g} N presses {widest:.3g} mm of a tip of {radius:g} mm", key="programme.normal_force_N",
-            allowed="a contact smaller than the tip",
+            f"{_largest_force(config):g} N presses {reach.widest:.3g} mm of a tip of {reach.tip:g} mm",
+            key="programme.normal_force_N", allowed="a contact smaller than the tip",
         )  # fmt: skip
 
 

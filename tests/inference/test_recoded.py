@@ -76,7 +76,8 @@ def test_draws_are_as_frequent_as_codecs_are_probable() -> None:
     assert Likely.alone(likely.codec, 1.2).drawn(3) == [(likely.codec, 1.2)] * 3
 
 
-@pytest.mark.parametrize("encoder", [ENCODERS[1], *(pytest.param(one, marks=pytest.mark.slow) for one in ENCODERS[2:])])
+@pytest.mark.slow  # a quarter of a minute each
+@pytest.mark.parametrize("encoder", ENCODERS[1:])
 def test_another_encoder_is_known_by_its_noise(shooting: Shooting, level: np.ndarray, encoder: str) -> None:
     """As x264 is by default, without quality by content, or as little as it searches: draws were once of one kind."""
     own = Codec("h264", 24, 3, encoder)

@@ -6,6 +6,8 @@ from evanesce.core.errors import InputError
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.distributions import Distribution, constant, uniform
 from evanesce.rig import Scene
+from evanesce.rig.change import merged
+from evanesce.rig.finger import OWN
 from evanesce.rig.load import validate
 
 DRAWN_ABOUT: dict[str, tuple[float, float]] = {
@@ -35,7 +37,7 @@ def about(config: DatasetConfig, scene: Scene) -> DatasetConfig:
     fingers: dict[str, Distribution] = {}
     if "tip_radius_mm" not in finger.model_fields_set:
         fingers["tip_radius_mm"] = constant(own.tip_radius_mm)
-    if "material" not in finger.model_fields_set and own.material != "own":
+    if "material" not in finger.model_fields_set and own.material != OWN:
         fingers["material"] = constant(own.material)
     rigs = {} if "draw" in rig.model_fields_set else {"draw": _draw(scene)}
     return config.model_copy(update={"finger": finger.model_copy(update=fingers), "rig": rig.model_copy(update=rigs)})
@@ -63,14 +65,8 @@ def _figure(scene: Scene, dotted: str) -> float:
 
 
 def _possible(scene: Scene, dotted: str, figure: float) -> bool:
-    data = scene.as_dict()
-    *path, name = dotted.split(".")
-    at = data
-    for part in path:
-        at = at.setdefault(part, {})
-    at[name] = figure
     try:
-        validate(Scene, data, dotted)
+        validate(Scene, merged(scene.as_dict(), {dotted: figure}, dotted), dotted)
     except InputError:
         return False
     return True

@@ -109,7 +109,7 @@ def _frames_digest(scene: dict[str, Any], config: dict[str, Any], seed: int) -> 
 
 
 MOST_SAMPLES = 1024
-"""Along a side of the sampled plane, up to which it grows by itself: a frame takes ten times as long as by default."""
+"""Along a side of the sampled plane, up to which it grows by itself: ten times the samples of the default."""
 
 
 def new_job(scene: Scene, config: DatasetConfig, *, frames: int, seed: int) -> Job:

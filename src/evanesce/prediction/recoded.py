@@ -56,8 +56,8 @@ ENCODERS = (
     f"{STEADY}:aq-mode=0",
     f"{STEADY}:ref=1:subme=2:trellis=0:weightp=0",
 )
-"""Of H.264, by parameters of x264: which one filmed is not known, and what it makes of weak contrasts depends on whether
-it looks ahead, spares flat parts, and how hard it searches."""
+"""Of H.264, by parameters of x264: which one filmed is not known, and what it makes of weak contrasts depends on
+whether it looks ahead, spares flat parts, and how hard it searches."""
 
 BANDS = 2
 """Of spatial frequency, to an octave, over each of which the noise's power is averaged."""

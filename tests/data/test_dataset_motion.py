@@ -174,7 +174,7 @@ def test_a_trial_too_short_for_a_second_slide_is_refused():
 )
 def test_the_region_holds_the_contacts_and_little_more(name, figures):
     found = trial(name, **figures)
-    wanted = np.array(contact_reach(found.plan, found.scene))
+    wanted = np.array(contact_reach(found.plan, found.scene, found.config.trial))
     x0, y0 = found.scene.finger.position_mm
     sides = [
         np.abs(np.subtract(found.centre(i), (x0, y0))) + found._pressed(i).contact_radius

@@ -247,8 +247,3 @@ def test_slides_beyond_what_their_area_was_made_of_are_told() -> None:
     (dry,) = slide_warnings(sliding())
     assert "stays" in dry
     assert slide_warnings(sliding({"area_under_shear": "constant"})) == ()
-
-
-def test_ridges_of_a_spinning_finger_are_refused() -> None:
-    with pytest.raises(InputError, match="spin_deg_per_s"):
-        load_scene("thesis_ridged", UGLY | {"press": {"forces_N": [0.9]}, "slide": SLIDE | {"spin_deg_per_s": 60.0}})

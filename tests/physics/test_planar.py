@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ellipe
 
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import cell_pressure
-from evanesce.contact.sliding.limit_surface import sliding_wrench
+from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
 from evanesce.contact.sliding.planar import MARGIN, PlanarFrame, PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import planar_state
 from evanesce.contact.sliding.solver import march
@@ -67,6 +68,36 @@ def test_a_twist_is_lubkins():
         exact = twisted(CONTACT, coulomb(MU), G, share)
         assert frames[k].rotation == pytest.approx(-exact.angle, rel=0.05)
         assert stick_radius(solver, frames[k]) == pytest.approx(exact.stick_radius, abs=0.04 * A)
+
+
+@pytest.mark.parametrize(("ratio", "ridges", "rotation"), [(0.6, 0.0, 0.0), (0.6, 1.1, 0.0), (1.7, 0.4, 0.7)])
+def test_ridges_pull_a_slide_aside_as_their_ellipse_says(ratio, ridges, rotation):
+    way = 0.9
+    _, frames = moved(
+        lambda t: 2.0 * t * math.cos(way),
+        lambda t: 2.0 * t * math.sin(way),
+        rotation,
+        ridges=(ratio, ridges),
+        frames=60,
+    )
+    against, aside = directional_friction(ratio, ridges + rotation - way)
+    x, y = np.array(frames[-1].force) / (MU * N)
+    assert math.cos(way) * x + math.sin(way) * y == pytest.approx(against, rel=0.01)
+    assert math.cos(way) * y - math.sin(way) * x == pytest.approx(aside, abs=0.01)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.0])
+def test_a_spin_over_ridges_has_the_mean_of_their_ellipse(ratio):
+    solver, frames = moved(rotation=lambda t: 2.0 * t, ridges=(ratio, 0.3), modulus=30 * G)
+    # a stiff skin does not lag; power of spinning, |M v| about the circle, is a complete elliptic integral
+    assert torque(solver, frames[-1]) / TORQUE == pytest.approx(2 / math.pi * ellipe(1 - ratio**2), rel=0.03)
+
+
+def test_ridges_of_even_friction_change_no_bit():
+    _, plain = moved(lambda t: 0.5 * t, lambda t: 0.2 * t)
+    _, even = moved(lambda t: 0.5 * t, lambda t: 0.2 * t, ridges=(1.0, 0.8))
+    assert plain[-1].force == even[-1].force
+    np.testing.assert_array_equal(plain[-1].ratio, even[-1].ratio)
 
 
 def test_reversals_are_those_of_springs_along_a_line():

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.laws import apply_law, finger_modulus, knows_adhesion
@@ -19,7 +19,7 @@ from evanesce.contact.rate import rate_factor
 from evanesce.contact.ridges.ridged import require_resolved, with_ridges
 from evanesce.contact.ridges.skin import ridge_row_of
 from evanesce.contact.scaling import stiffness_factor
-from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
+from evanesce.contact.slide_planar import PlanarSlide, in_plane
 from evanesce.contact.sliding.programme import slide_states
 from evanesce.contact.sliding.shaft import (
     boned_stiffness,
@@ -35,6 +35,8 @@ from evanesce.materials import silicone_of
 from evanesce.materials.friction import InterfaceFriction, coulomb, interface_of
 from evanesce.rig import Finger, Scene, Slide
 from evanesce.rig.finger import OWN, FemLaw, HertzLaw, JkrLaw
+
+Floats = NDArray[np.float64]
 
 FORCES_GRID = 128
 """Samples along a side where only forces are wanted."""
@@ -74,10 +76,11 @@ def slide_frame(scene: Scene, grid: PlateGrid, force: float, time: float) -> Con
         raise InputError(
             f"{force:g} N at {time:g} s is no frame of the slide", key="slide", allowed="a frame of its programme"
         )
-    state = _without_ridges(scene, grid, index)
+    states = _slide_of(scene.model_dump_json(), grid)
     if scene.finger.ridges is None:
-        return state
-    return _with_moving_ridges(scene, state)
+        return states[index]
+    skin = states.skin(index) if isinstance(states, PlanarSlide) else None
+    return _with_moving_ridges(scene, states[index], skin)
 
 
 def slide_warnings(scene: Scene) -> tuple[str, ...]:
@@ -95,6 +98,9 @@ def slide_warnings(scene: Scene) -> tuple[str, ...]:
     law, slide = scene.contact, scene.slide
     if slide is None or slide.area_under_shear == "constant" or slide.area_loss_mm2_per_N2 > 0:
         return ()
+    adheres = _work_of_adhesion(scene) > 0.0
+    if in_plane(slide) and (isinstance(law, FemLaw) or adheres):
+        return ("area stays under shear: the contact of a slide that spins or is pulled aside is round",)
     if isinstance(law, FemLaw):
         fit, most = silicone_of(scene.finger).mooney_rivlin, solved_strain(law.bone)
         assert fit is not None  # law fem has one
@@ -108,7 +114,7 @@ def slide_warnings(scene: Scene) -> tuple[str, ...]:
                 " beyond, the share of area stays: frames and areas there are extrapolated",
             )
         return ()
-    if _work_of_adhesion(scene) == 0.0 or not isinstance(law, HertzLaw | JkrLaw):
+    if not adheres or not isinstance(law, HertzLaw | JkrLaw):
         return (
             f"area stays under shear: law {law.law} knows no bulging, and no edge adheres"
             " (slide.area_loss_mm2_per_N2, finger.work_of_adhesion_N_per_mm, or law fem)",
@@ -134,57 +140,11 @@ def slide_forces(scene: Scene) -> list[ContactState]:
         As :func:`slide_frame`.
     """
     grid = PlateGrid((FORCES_GRID, FORCES_GRID), scene.grid.size_mm / FORCES_GRID, scene.finger.position_mm)
-    return [_without_ridges(scene, grid, k) for k in range(slide_programme(scene).sample()[0].size)]
+    states = _slide_of(scene.model_dump_json(), grid)
+    return [states[k] for k in range(len(states))]
 
 
-def _without_ridges(scene: Scene, grid: PlateGrid, index: int) -> ContactState:
-    """Return a frame of the slide with what spin and ridge direction do to its forces, before ridges are put on it."""
-    assert scene.slide is not None  # the caller's
-    state = _slide_of(scene.model_dump_json(), grid)[index]
-    if scene.slide.spin_deg_per_s:
-        state = _twisted(state)
-    if scene.slide.ridge_friction_ratio not in (None, 1.0):
-        state = _pulled_aside(state, scene)
-    return state
-
-
-def _ridge_angle(scene: Scene) -> float:
-    """Return the angle from the slide to the ridges [rad]."""
-    assert scene.slide is not None
-    assert scene.finger.ridges is not None  # Scene guarantees parallel ones
-    return math.radians(scene.finger.ridges.orientation_deg - scene.slide.direction_deg)
-
-
-def _twisted(state: ContactState) -> ContactState:
-    """Record a spinning frame's torque: that of gross slip, by how near the force is to its own."""
-    assert state.strength is not None
-    most = float(np.asarray(state.strength).sum()) * state.grid.pitch**2
-    share = min(math.hypot(*state.tangential_force) / most, 1.0) if most > 0 else 0.0
-    torque = share * float(state.parameters["sliding_torque_N_mm"])
-    return replace(state, parameters={**state.parameters, "torque_N_mm": torque})
-
-
-def _pulled_aside(state: ContactState, scene: Scene) -> ContactState:
-    """Turn friction from the sliding direction as the ridges ask for it; the machine keeps the finger on its way."""
-    slide = scene.slide
-    assert slide is not None
-    assert slide.ridge_friction_ratio is not None
-    along, across = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
-    aside = across / along
-
-    def turned(x: Any, y: Any) -> tuple[Any, Any]:
-        return x - aside * y, y + aside * x
-
-    assert state.traction is not None
-    assert state.strength is not None
-    x, y = turned(*state.tangential_force)
-    return replace(
-        state, traction=np.stack(turned(*state.traction)), strength=math.hypot(1.0, aside) * state.strength,
-        tangential_force=(x, y),
-    )  # fmt: skip
-
-
-def _with_moving_ridges(scene: Scene, state: ContactState) -> ContactState:
+def _with_moving_ridges(scene: Scene, state: ContactState, skin: tuple[Floats, Floats] | None) -> ContactState:
     """Put the finger's ridges on a frame, where they have moved with the skin."""
     slide, ridges = scene.slide, scene.finger.ridges
     assert slide is not None
@@ -194,17 +154,18 @@ def _with_moving_ridges(scene: Scene, state: ContactState) -> ContactState:
     angle = math.radians(slide.direction_deg)
     modulus = finger_modulus(scene, state.normal_force)
     return with_ridges(
-        state, row, modulus, origin=scene.finger.position_mm, outer_slip=(tip * math.cos(angle), tip * math.sin(angle))
-    )
+        state, row, modulus, origin=scene.finger.position_mm, skin=skin,
+        outer_slip=(tip * math.cos(angle), tip * math.sin(angle)),
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=2)
-def _slide_of(scene_json: str, grid: PlateGrid) -> SlideStates:
+def _slide_of(scene_json: str, grid: PlateGrid) -> SlideStates | PlanarSlide:
     """Return a scene's slide, solved once for all its frames; keyed by text because scenes hold tables."""
     return _solve_slide(Scene.model_validate_json(scene_json), grid)
 
 
-def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
+def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates | PlanarSlide:
     """Return the contact states of a scene's slide.
 
     Raises
@@ -240,11 +201,6 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
             friction, scene.liquid, force=contact.normal_force, area=math.pi * contact.contact_radius**2,
             radius=finger.tip_radius_mm, modulus=modulus,
         )  # fmt: skip
-    friction, spin = _spun(friction, contacts[-1], slide)
-    if slide.ridge_friction_ratio not in (None, 1.0):
-        assert slide.ridge_friction_ratio is not None  # for the type checker
-        along, _ = directional_friction(slide.ridge_friction_ratio, _ridge_angle(scene))
-        friction = replace(friction, tau0=along * friction.tau0, alpha=along * friction.alpha)
     stiffness = _drive_stiffness(finger, slide, programme.normal_force, contacts[-1].depth, angle, _has_bone(scene))
     if angle and (_has_bone(scene) or slide.shaft == "rigid"):
         raise InputError(
@@ -266,15 +222,22 @@ def _solve_slide(scene: Scene, grid: PlateGrid) -> SlideStates:
         "contact_angle_deg": slide.contact_angle_deg,
         "drive_stiffness_N_per_mm": stiffness,
         "direction_deg": slide.direction_deg,
-    } | spin
+    }
     view = SlideView(
         centre=finger.position_mm, direction=math.radians(slide.direction_deg), follows=not slide.glass_moves
     )
+    law = f"{scene.contact.law}+sliding"
+    if in_plane(slide):
+        return PlanarSlide(
+            grid, programme, slide, finger, contacts, friction, poisson=poisson,
+            shear_modulus=0.25 * (2.0 - poisson) * moduli[-1], drive_stiffness=stiffness, view=view, law=law,
+            parameters=parameters,
+        )  # fmt: skip
     return slide_states(
         grid, programme, friction, contacts, moduli,
         drive_stiffness=stiffness, area_loss=slide.area_loss_mm2_per_N2, view=view,
         shares=_shares(scene, contacts, [pressed(*pair)[1] for pair in pairs], moduli),
-        stick_slip_drop=slide.stick_slip_drop or 0.0, law=f"{scene.contact.law}+sliding", parameters=parameters,
+        stick_slip_drop=slide.stick_slip_drop or 0.0, law=law, parameters=parameters,
     )  # fmt: skip
 
 
@@ -316,22 +279,6 @@ def _work_of_adhesion(scene: Scene) -> float:
     law = scene.contact
     own = law.work_of_adhesion_N_per_mm if isinstance(law, JkrLaw) else 0.0
     return scene.finger.work_of_adhesion_N_per_mm + own
-
-
-def _spun(
-    friction: InterfaceFriction, contact: AxisymmetricContact, slide: Slide
-) -> tuple[InterfaceFriction, dict[str, float]]:
-    """Return what spinning leaves of friction along the slide, and the torque of gross slip to record."""
-    if not slide.spin_deg_per_s:
-        return friction, {}
-    spin = math.radians(abs(slide.spin_deg_per_s))
-    most, _ = sliding_wrench(contact, friction, 1.0, 0.0)
-    force, torque = sliding_wrench(contact, friction, slide.speed_mm_per_s, spin)
-    left = force / most
-    return replace(friction, tau0=left * friction.tau0, alpha=left * friction.alpha), {
-        "spin_deg_per_s": slide.spin_deg_per_s,
-        "sliding_torque_N_mm": math.copysign(torque, slide.spin_deg_per_s),
-    }
 
 
 def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:

@@ -105,6 +105,8 @@ class Friction(Drawn):
         "dynamic_ratio": (0.05, 1.0, ""),
         "weakening_distance_mm": (1e-4, 10.0, "mm"),
         "area_left": (0.35, 1.0, "of the area, under full sliding"),
+        "ridge_friction_ratio": (0.1, 10.0, "along parallel ridges, of that across them"),
+        "speed_exponent": (0.0, 1.0, "of slides: friction goes as (speed / 1 mm/s)^exponent"),
     }
 
     levels: int = field(16, unit="1", bounds=(1, 100_000))
@@ -113,6 +115,8 @@ class Friction(Drawn):
     dynamic_ratio: Distribution = uniform(0.7, 1.0)
     weakening_distance_mm: Distribution = log_uniform(0.02, 0.2)
     area_left: Distribution = uniform(0.75, 1.0)
+    ridge_friction_ratio: Distribution = constant(1.0)
+    speed_exponent: Distribution = constant(0.0)
 
 
 class Fingers(Drawn):

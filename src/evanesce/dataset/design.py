@@ -35,6 +35,9 @@ bounds of its log-uniform distribution [s]."""
 ITS_TRIALS_MOTION = ("rolling_skew",)
 """Effects of motion: that of each trial, so that none of their own is drawn."""
 
+LATER_FRICTION = ("ridge_friction_ratio", "speed_exponent")
+"""Drawn from streams of their own, so that they leave all other draws as they are."""
+
 PROGRAMME_KEYS = tuple(Programme.model_fields)
 
 
@@ -66,6 +69,8 @@ class FrictionPlan:
     dynamic_ratio: float
     weakening_distance_mm: float
     area_left: float
+    ridge_friction_ratio: float = 1.0
+    speed_exponent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -152,7 +157,8 @@ def friction_plan(config: DatasetConfig, seed: int, index: int) -> FrictionPlan:
     f = config.friction
     names = ("friction_coefficient", "adhesive_share", "dynamic_ratio", "weakening_distance_mm", "area_left")
     values = [float(getattr(f, n).at(u)) for n, u in zip(names, quantiles(seed, "friction", 5, index), strict=True)]
-    return FrictionPlan(index, *values)
+    later = [float(getattr(f, n).at(stratum(seed, f"friction.{n}", index))) for n in LATER_FRICTION]
+    return FrictionPlan(index, *values, *later)
 
 
 def rig_plan(config: DatasetConfig, seed: int, index: int) -> RigPlan:

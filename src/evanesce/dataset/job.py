@@ -257,7 +257,12 @@ def _stick_reach(config: DatasetConfig, force_N: float, radius_mm: float) -> flo
 
     if config.kinds.wiggle == config.kinds.slide == 0:
         return 0.0
-    friction = float(config.friction.friction_coefficient.support()[1])
+    f = config.friction
+    highest, ratio, exponent, speed = (
+        float(drawn.support()[1])
+        for drawn in (f.friction_coefficient, f.ridge_friction_ratio, f.speed_exponent, config.programme.speed_mm_per_s)
+    )
+    friction = highest * max(ratio, 1.0) * max(speed, 1.0) ** exponent
     ways = []
     for name in config.finger.material.support():
         silicone = material(str(name))

@@ -9,7 +9,8 @@ import numpy as np
 
 from evanesce.dataset.config import AWAY, LIFT, Trial
 from evanesce.dataset.design import TrialPlan
-from evanesce.dataset.programme import Floats, Sampled, slide_speed
+from evanesce.dataset.directional import ridge_friction
+from evanesce.dataset.programme import Floats, Sampled, sample_programme, slide_speed
 
 FIRST_LEG_BY = 0.55
 """Share of a slide's time within which a finger that changes direction does so."""
@@ -72,7 +73,8 @@ class Path:
 
 def is_planar(plan: TrialPlan) -> bool:
     """Return whether a trial needs :class:`PlanarSampled`."""
-    return bool(plan.motion) or plan.kind == "regrasp"
+    aside = plan.kind in ("slide", "wiggle") and ridge_friction(plan)[0] != 1.0
+    return bool(plan.motion) or plan.kind == "regrasp" or aside
 
 
 def path_of(plan: TrialPlan, reach_mm: float, cycle_mm: float) -> Path:
@@ -101,8 +103,8 @@ def cycle_of(plan: TrialPlan, limit_N: float, stiffness: float) -> float:
     return plan.motion.get("stick_slip_drop", 0.0) * limit_N / stiffness
 
 
-def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: float) -> PlanarSampled:
-    """Return the programme of a plan with motions.
+def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: float, limit_N: float) -> PlanarSampled:
+    """Return the programme of a plan with motions, or with ridges that pull aside.
 
     Parameters
     ----------
@@ -112,6 +114,8 @@ def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: 
         Way of the drive from rest to gross slip [mm].
     stiffness : float
         Of contact and shaft in series [N/mm].
+    limit_N : float
+        Friction at gross slip [N].
     """
     p, m = plan.programme, plan.motion
     time = np.arange(trial.frames) / trial.frame_rate_hz
@@ -125,7 +129,12 @@ def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: 
         share = np.clip((time - rest) / (TURNED_BY * (end - rest)), 0.0, 1.0)
         turned = math.radians(m["spin_deg"]) * share
         return PlanarSampled(time, np.interp(time, knots, loads), zero, zero, placement, zero, zero, turned)
-    cycle = cycle_of(plan, plan.friction.friction_coefficient * load, stiffness)
+    if plan.kind == "wiggle":
+        line = sample_programme(plan, trial, stiffness, reach_mm, limit_N)
+        angle = math.radians(p["direction_deg"])
+        x, y = math.cos(angle) * line.drive, math.sin(angle) * line.drive
+        return PlanarSampled(time, line.force, line.drive, zero, placement, x, y, zero)
+    cycle = cycle_of(plan, limit_N, stiffness)
     path = path_of(plan, reach_mm, cycle)
     speed = _speed(plan, trial, path, reach_mm, cycle, end - rest)
     if plan.kind == "regrasp":

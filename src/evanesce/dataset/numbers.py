@@ -38,7 +38,8 @@ MEANINGS = {
     "Fz_N": "0: the finger is lifted, and forces, areas, friction coefficient and margin are 0",
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
     "rotation_deg": "of the finger about its normal since it was put down, from x towards y",
-    "margin": "|Ft| / (mu Fn), mu static, or the same of the torque; 0 where the finger is lifted",
+    "friction_coefficient": "static, in the direction of the force and at the drive's speed",
+    "margin": "|Ft| / (mu Fn), mu the friction coefficient, or the same of the torque; 0 where the finger is lifted",
 }
 """Meanings of numbers beyond their names."""
 

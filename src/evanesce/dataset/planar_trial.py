@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.sliding.limit_surface import FrictionEllipse
 from evanesce.contact.sliding.planar import PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import PlanarState, planar_state
 from evanesce.contact.sliding.torsion import sliding_torque
 from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
+from evanesce.dataset.directional import ridge_friction, twist_factor
 from evanesce.dataset.motions import PlanarSampled, is_planar, planar_programme
 from evanesce.dataset.numbers import measured, slip_labelled
 from evanesce.dataset.trial import LIFTED_N, Floats, Trial
@@ -26,8 +28,8 @@ class PlanarTrial(Trial):
     Outlines are round: the loss of area under shear (``friction.area_left``) is along one direction only.
     """
 
-    def _programme(self, stiffness: float) -> PlanarSampled:
-        return planar_programme(self.plan, self.config.trial, self.reach_mm, stiffness)
+    def _programme(self, stiffness: float, limit: float) -> PlanarSampled:
+        return planar_programme(self.plan, self.config.trial, self.reach_mm, stiffness, limit)
 
     def _solve(self, shear: float) -> None:
         s = self._sampled
@@ -38,6 +40,7 @@ class PlanarTrial(Trial):
         self._solver = PlanarSolver(
             max(c.contact_radius for c in contacts), 0.25 * (2.0 - poisson) * shear, poisson, self._friction,
             drive_stiffness=self._shaft, drop=self.plan.motion.get("stick_slip_drop", 0.0),
+            ridges=ridge_friction(self.plan),
         )  # fmt: skip
         self._frames = self._solver.march(contacts, PlanarPath(s.time, s.x, s.y, s.rotation))
         self._origins = [self._about(k) for k in range(int(s.placement.max()) + 1)]
@@ -82,10 +85,17 @@ class PlanarTrial(Trial):
         stick = self._frames[i].stick
         return bool((stick <= 0.0).any() if anywhere else (stick <= 0.0).mean() > 0.5)
 
+    def _strength(self, i: int, fx: float, fy: float) -> float:
+        frame, (ratio, angle) = self._frames[i], ridge_friction(self.plan)
+        ellipse = FrictionEllipse(ratio, angle + frame.rotation)
+        along = float(ellipse.strength(np.array([[fx], [fy]]))[0])
+        return self._limit(self._pressed(i)) * frame.speed_factor * along
+
     def _torque_margin(self, i: int) -> float:
         contact, (x, y) = self._pressed(i), self.centre(i)
         torque = measured(self._planar(i).state, (x, y))["torque_N_mm"]
-        return abs(torque) / sliding_torque(contact, self._friction)
+        most = sliding_torque(contact, self._friction) * twist_factor(self.plan)
+        return abs(torque) / (most * self._frames[i].speed_factor)
 
     def _turned(self, i: int) -> dict[str, float]:
         frame = self._frames[i]

@@ -43,7 +43,7 @@ GROSS_SLIP_BY = 0.6
 """Share of a slide's time after press and hold within which the drive is to reach gross slip."""
 
 
-def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: float) -> Sampled:
+def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: float, limit_N: float) -> Sampled:
     """Return the programme of a plan.
 
     Parameters
@@ -55,6 +55,8 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: 
         Of contact and shaft in series under full stick [N/mm]; determines the amplitude of a wiggle.
     reach_mm : float
         Way of the drive to gross slip [mm]; determines the stroke of a slide, and its least speed.
+    limit_N : float
+        Friction at gross slip [N]; a wiggle stays below.
     """
     p = plan.programme
     time = np.arange(trial.frames) / trial.frame_rate_hz
@@ -71,8 +73,7 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: 
             way = np.minimum(way, (1 + round(p["reversals"])) * stroke)
             drive = stroke - np.abs(stroke - way % (2.0 * stroke))
         case "wiggle":
-            limit = plan.friction.friction_coefficient * load
-            amplitude = p["wiggle_share"] * limit / stiffness
+            amplitude = p["wiggle_share"] * limit_N / stiffness
             phase = 2.0 * math.pi * p["wiggle_frequency_hz"] * np.maximum(time - rest, 0.0)
             drive = amplitude * np.sin(phase)
         case "rotation":

@@ -12,9 +12,10 @@ from evanesce.contact.analytic.partial_slip import tangential_modulus
 from evanesce.contact.laws import smooth_contact
 from evanesce.contact.tilt import require_on_tip
 from evanesce.core.errors import InputError
-from evanesce.dataset.config import CameraOptions, DatasetConfig
+from evanesce.dataset.config import CameraOptions, DatasetConfig, Trial
 from evanesce.dataset.design import RigPlan, TrialPlan, trial_plan
-from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
+from evanesce.dataset.directional import ridge_friction
+from evanesce.dataset.mechanics import gross_slip, interface, shaft_stiffness
 from evanesce.dataset.motions import cycle_of, is_planar, path_of
 from evanesce.materials import silicone_of
 from evanesce.optics.projection import Projection
@@ -26,7 +27,7 @@ MARGIN = 1.02
 """Of the region over those contacts."""
 
 
-def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
+def contact_reach(plan: TrialPlan, scene: Scene, trial: Trial) -> tuple[float, float]:
     """Return how far a trial's contact goes from the finger's position along x and y [mm], rim included.
 
     Parameters
@@ -34,6 +35,8 @@ def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
     plan : TrialPlan
     scene : Scene
         With the trial's finger.
+    trial : Trial
+        Section of the configuration.
     """
     p, force = plan.programme, plan.programme["normal_force_N"]
     contact, modulus = smooth_contact(scene, force)
@@ -41,11 +44,11 @@ def contact_reach(plan: TrialPlan, scene: Scene) -> tuple[float, float]:
     radius, along, aside = contact.contact_radius, 0.0, (0.0, 0.0)
     friction, shaft = interface(plan, contact), shaft_stiffness(plan)
     shear = float(tangential_modulus(modulus, silicone_of(scene.finger).poisson_ratio))
-    limit = friction.tau0 * math.pi * radius**2 + friction.alpha * force
-    if is_planar(plan):
-        return _planar_reach(plan, scene, limit, reach(contact, friction, shear, shaft), shear, shaft)
+    gross, limit = gross_slip(plan, trial, contact, friction, shear, shaft)
+    if is_planar(plan) and plan.kind != "wiggle":
+        return _planar_reach(plan, scene, limit, gross, shear, shaft)
     if plan.kind == "slide":
-        along = 0.5 * (reach(contact, friction, shear, shaft) - limit / shaft + p["distance_mm"])
+        along = 0.5 * (gross - limit / shaft + p["distance_mm"])
     elif plan.kind == "wiggle":
         along = p["wiggle_share"] * limit / (2.0 * radius * shear)
     elif plan.kind == "change":
@@ -68,7 +71,8 @@ def _planar_reach(
         stiffness = 1.0 / (1.0 / (2.0 * radii[0] * shear) + 1.0 / shaft)
         path = path_of(plan, gross, cycle_of(plan, limit, stiffness))
         corners = np.array([path.at(np.array(way)) for way in (0.0, path.legs[0], path.length)])
-        extent = 0.5 * np.ptp(corners, axis=0)
+        aside = abs(1.0 - ridge_friction(plan)[0]) * limit / shaft  # ridges push the tip off its way, no farther
+        extent = 0.5 * (np.ptp(corners, axis=0) + aside)
     if plan.kind == "regrasp":
         shift = abs(p["shift_mm"])
     return max(radii) + float(extent[0]) + shift, max(radii) + float(extent[1]) + 0.5 * shift
@@ -86,7 +90,7 @@ def reaches(scene: Scene, config: DatasetConfig, seed: int, trials: int) -> np.n
         return rig_scene(scene, RigPlan(0, 0, {}, {}), plan.finger, whole)
 
     plans = [trial_plan(config, seed, i) for i in range(trials)]
-    return np.array([contact_reach(plan, with_finger(plan.finger.index)) for plan in plans])
+    return np.array([contact_reach(plan, with_finger(plan.finger.index), config.trial) for plan in plans])
 
 
 def fitted_region(scene: Scene, config: DatasetConfig, seed: int) -> tuple[float, float]:

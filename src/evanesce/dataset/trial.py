@@ -31,7 +31,7 @@ from evanesce.core.states import ContactState, PlateGrid
 from evanesce.dataset.config import DatasetConfig
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.markers import MarkedSkin
-from evanesce.dataset.mechanics import interface, reach, shaft_stiffness
+from evanesce.dataset.mechanics import gross_slip, interface, shaft_stiffness
 from evanesce.dataset.numbers import SCALARS, SLIP_SPEED_MM_PER_S, measured, slip_labelled
 from evanesce.dataset.programme import Sampled, sample_programme
 from evanesce.dataset.shutter import Motion, advanced
@@ -116,13 +116,13 @@ class Trial:
         shear = float(tangential_modulus(self._modulus, self._silicone.poisson_ratio))
         self._shaft = shaft_stiffness(plan)
         series = 1.0 / (1.0 / (2.0 * contact.contact_radius * shear) + 1.0 / self._shaft)
-        self.reach_mm = reach(contact, self._friction, shear, self._shaft)
-        sampled = self._programme(series)
+        self.reach_mm, limit = gross_slip(plan, config.trial, contact, self._friction, shear, self._shaft)
+        sampled = self._programme(series, limit)
         if load is not None:
             commanded = zip(sampled.time.tolist(), sampled.force.tolist(), strict=True)
             actual = [load(i, t, f) if f > LIFTED_N else 0.0 for i, (t, f) in enumerate(commanded)]
             sampled = replace(sampled, force=np.maximum(np.array(actual), 0.0))
-        self._travel = self.reach_mm - self._limit(contact) / self._shaft + plan.programme["distance_mm"]
+        self._travel = self.reach_mm - limit / self._shaft + plan.programme["distance_mm"]
         self._sampled: Sampled = sampled
         self.time = sampled.time
         self._ridges = PrintRow.of(scene.finger.fingerprint) if scene.finger.fingerprint else ridge_row(scene)
@@ -196,8 +196,8 @@ class Trial:
 
     # --- solution ----------------------------------------------------------------------------------------------------
 
-    def _programme(self, stiffness: float) -> Sampled:
-        return sample_programme(self.plan, self.config.trial, stiffness, self.reach_mm)
+    def _programme(self, stiffness: float, limit: float) -> Sampled:
+        return sample_programme(self.plan, self.config.trial, stiffness, self.reach_mm, limit)
 
     def _solve(self, shear: float) -> None:
         self._slide, self._rates = self._march(shear)
@@ -311,7 +311,7 @@ class Trial:
     # --- numbers -----------------------------------------------------------------------------------------------------
 
     def _limit(self, contact: AxisymmetricContact) -> float:
-        """Return the tangential force of full sliding at static strength [N]."""
+        """Return the tangential force of full sliding across ridges at static strength and the reference speed [N]."""
         return self._friction.tau0 * math.pi * contact.contact_radius**2 + self._friction.alpha * contact.normal_force
 
     def _onsets(self) -> tuple[float, float]:
@@ -344,7 +344,8 @@ class Trial:
         place = {"time_s": float(s.time[i]), "drive_mm": float(s.drive[i]), "centre_x_mm": x, "centre_y_mm": y}
         if state is None:
             return {**dict.fromkeys(SCALARS, 0.0), **place, "stick_ratio": 1.0}
-        limit, (fx, fy) = self._limit(contact := self._pressed(i)), state.tangential_force
+        contact, (fx, fy) = self._pressed(i), state.tangential_force
+        limit = self._strength(i, fx, fy)
         return {
             **place,
             "Fx_N": float(fx),
@@ -354,6 +355,10 @@ class Trial:
             "margin": max(math.hypot(fx, fy) / limit, self._torque_margin(i)),
             **self._turned(i),
         }
+
+    def _strength(self, i: int, fx: float, fy: float) -> float:
+        """Return the force of full sliding in a direction at frame ``i`` [N], static and at its speed."""
+        return self._limit(self._pressed(i)) * self._slide.frames[i].speed_factor
 
     def _torque_margin(self, i: int) -> float:
         """Return a twist's torque over that of full sliding."""

@@ -24,8 +24,9 @@ def carried_by(scene: Scene, state: ContactState) -> tuple[float, float]:
     tip = float(state.parameters.get("tip_displacement_mm", 0.0))
     if scene.slide is None or scene.slide.glass_moves or tip == 0.0:
         return 0.0, 0.0
-    angle = math.radians(scene.slide.direction_deg)
-    return tip * math.cos(angle), tip * math.sin(angle)
+    angle, aside = math.radians(scene.slide.direction_deg), float(state.parameters.get("tip_aside_mm", 0.0))
+    cos, sin = math.cos(angle), math.sin(angle)
+    return tip * cos - aside * sin, tip * sin + aside * cos
 
 
 def carried_finger(scene: Scene, state: ContactState) -> Scene:

@@ -79,7 +79,7 @@ class Slide(Strict):
         unit="deg/s",
         bounds=(-3600.0, 3600.0),
         null=0.0,
-        doc="of the sliding finger about the plate's normal; its torque is a number, no field turns",
+        doc="of the sliding finger about the plate's normal, from x towards y",
     )
     ridge_friction_ratio: float | None = field(
         None,

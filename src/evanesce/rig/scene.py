@@ -186,8 +186,12 @@ class Scene(Strict):
         ridges = self.finger.ridges
         if ridges is not None and (self.slide.glass_moves or ridges.rounding_um is not None):
             raise ValueError("a ridged finger slides itself, without rounding (allowed: glass_moves = false)")
-        if ridges is not None and self.slide.spin_deg_per_s:
-            raise ValueError("ridges do not turn with slide.spin_deg_per_s (allowed: a smooth finger, or none)")
+        aside = bool(self.slide.spin_deg_per_s) or self.slide.ridge_friction_ratio not in (None, 1.0)
+        if aside and self.slide.area_loss_mm2_per_N2:
+            raise ValueError(
+                "slide.area_loss_mm2_per_N2 is along one direction (allowed: 0 with spin_deg_per_s or"
+                " ridge_friction_ratio)"
+            )
         if self.slide.ridge_friction_ratio is not None and (ridges is None or ridges.pattern != "parallel"):
             raise ValueError('slide.ridge_friction_ratio needs finger.ridges (allowed: pattern "parallel")')
 

@@ -153,8 +153,9 @@ def specs_of(name: str) -> list[CaseSpec]:
 
 def run(
     name: str, out: Path, *, judge: str = CRITIC, workers: int = 2, budget_s: float = 1e9, limit: int = 0,
-    groups: Iterable[str] = (), causes: Iterable[str] = (), strengths: Iterable[float] = (), spent: Iterable[str] = (),
-    strip: str = "", keep: Path | None = None, beside: tuple[str, ...] = (), show: Callable[[str], None] = print,
+    groups: Iterable[str] = (), causes: Iterable[str] = (), strengths: Iterable[float] = (), noises: Iterable[str] = (),
+    spent: Iterable[str] = (), strip: str = "", keep: Path | None = None, beside: tuple[str, ...] = (),
+    show: Callable[[str], None] = print,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Run what is not done yet, within a budget, and return all outcomes.
 
@@ -171,8 +172,8 @@ def run(
         Processes; 0 works in this one.
     groups : iterable of str
         Only these groups; all by default.
-    causes, strengths : iterable
-        Only cases that hide one of these, or one as strong as that; all by default.
+    causes, strengths, noises : iterable
+        Only cases that hide one of these, one as strong as that, or that have such noise; all by default.
     spent : iterable of str
         Cases left out, by id: those whose outcome somebody has looked at before the critic was frozen.
     show : callable
@@ -183,7 +184,7 @@ def run(
         Where a scored run was begun by other code.
     """
     wanted = [(set(groups), lambda s: {s.group}), (set(causes), lambda s: set(s.causes))]
-    wanted.append((set(strengths), lambda s: set(s.strengths)))
+    wanted += [(set(strengths), lambda s: set(s.strengths)), (set(noises), lambda s: {s.noise})]
     specs = [spec for spec in specs_of(name) if all(not chosen or chosen & of(spec) for chosen, of in wanted)]
     done = {record["truth"]["id"] for record in read_records(out) if "error" not in record} | set(spent)
     todo = [spec for spec in specs if spec.id not in done][: limit or None]
@@ -260,6 +261,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--groups", nargs="*", default=())
     parser.add_argument("--causes", nargs="*", default=(), help="only cases that hide one of these")
     parser.add_argument("--strengths", nargs="*", type=float, default=(), help="only cases as strong as that")
+    parser.add_argument("--noises", nargs="*", default=(), help="only cases behind such noise or codec")
     parser.add_argument("--spent", nargs="*", type=Path, default=(), help="earlier runs whose cases are left out")
     parser.add_argument("--strip", choices=("", "shuffle", "flat"), default="")
     parser.add_argument("--keep", type=Path, default=None, help="folder in which bundles are left")
@@ -274,8 +276,9 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         records = run(
             given.set, out, judge=given.judge, workers=given.workers, budget_s=given.budget, limit=given.limit,
-            groups=given.groups, causes=given.causes, strengths=given.strengths, spent=spent, strip=given.strip,
-            keep=given.keep, beside=tuple(given.beside), show=lambda text: print(text, file=sys.stderr, flush=True),
+            groups=given.groups, causes=given.causes, strengths=given.strengths, noises=given.noises, spent=spent,
+            strip=given.strip, keep=given.keep, beside=tuple(given.beside),
+            show=lambda text: print(text, file=sys.stderr, flush=True),
         )  # fmt: skip
     except MixedRun as error:
         print(error, file=sys.stderr)

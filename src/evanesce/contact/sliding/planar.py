@@ -3,7 +3,9 @@
 The finger is a half-space whose skin is displaced by u = C q under the tractions q of the glass (Cerruti; Love's
 cells). In each step the finger moves rigidly by d, and of all tractions within the strength, |q| <= s, those act that
 minimise q.C q/2 - q.(u_before + d): where |q| < s the skin stays on the glass, elsewhere it slips along its traction
-(Kalker's variational principle, which allows any direction and torsion; stick-slip: a drop of the strength).
+(Kalker's variational principle, which allows any direction and torsion; stick-slip: a drop of the strength). Where
+friction along the finger's ridges is another than across them, tractions within the strength are an ellipse, q = M p
+with |p| <= s: the same problem in p, in which the skin slips along the normal of that ellipse.
 
 Cells stand on the finger and turn with it. No inertia; the area is that without shear.
 
@@ -23,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from evanesce.contact.patch import AxisymmetricContact, cell_pressure, radii
+from evanesce.contact.sliding.limit_surface import FrictionEllipse
 from evanesce.core.states import PlateGrid
 from evanesce.materials.friction import InterfaceFriction
 
@@ -75,7 +78,8 @@ class PlanarFrame:
     ratio : ndarray (2, rows, cols)
         Traction over strength, in the finger's axes; its magnitude is at most 1.
     weakened : ndarray
-        Strength over static strength: by slip, speed, and in a jump of stick-slip.
+        Strength in the traction's direction over static strength across the ridges: by direction, slip, speed, and in
+        a jump of stick-slip.
     skin : ndarray (2, rows, cols)
         Displacement of the skin against the finger's motion, in its axes [mm].
     slip : ndarray (2, rows, cols)
@@ -87,6 +91,8 @@ class PlanarFrame:
         much it was surpassed.
     force : tuple of float
         Of the finger on the glass (x, y) [N].
+    speed_factor : float
+        Strength at the drive's speed over that at the reference speed.
     """
 
     time: float
@@ -100,6 +106,7 @@ class PlanarFrame:
     velocity: Floats = field(repr=False)
     stick: Floats = field(repr=False)
     force: tuple[float, float] = (0.0, 0.0)
+    speed_factor: float = 1.0
 
 
 def cerruti_influence(reach: int, pitch: float, shear_modulus: float, poisson: float) -> Floats:
@@ -171,6 +178,8 @@ class PlanarSolver:
     drop : float
         Share of the strength that is lost in a jump of stick-slip once the whole contact slips, and is back after it;
         0: none, the strength weakens and heals as ``friction`` says.
+    ridges : tuple of float
+        Friction along the finger's ridges over that across them, and the ridges' angle on the finger [rad].
     cells : int
         Across the contact.
 
@@ -189,6 +198,7 @@ class PlanarSolver:
         *,
         drive_stiffness: float = math.inf,
         drop: float = 0.0,
+        ridges: tuple[float, float] = (1.0, 0.0),
         cells: int = CELLS,
     ) -> None:
         pitch = 2.0 * radius / cells
@@ -196,7 +206,7 @@ class PlanarSolver:
         self.grid = PlateGrid((cells + 2 * MARGIN,) * 2, pitch)
         self._space = _HalfSpace(cells, 0, pitch, shear_modulus, poisson)
         self._around = _HalfSpace(cells, MARGIN, pitch, shear_modulus, poisson)
-        self._friction, self._drop = friction, drop
+        self._friction, self._drop, self._ellipse = friction, drop, FrictionEllipse(*ridges)
         self._compliance = pitch**2 / drive_stiffness
         self._x, self._y = np.meshgrid(self._inner.x, self._inner.y)
         self._radius = radii(self._inner, (0.0, 0.0))
@@ -204,7 +214,7 @@ class PlanarSolver:
         zero = np.zeros((2, cells, cells))
         self._traction, self._target = zero, zero.copy()
         self._slip, self._path, self._weak = zero.copy(), np.zeros((cells, cells)), np.ones((cells, cells))
-        self._drive, self._rotation = np.zeros(2), 0.0
+        self._drive, self._rotation, self._speed = np.zeros(2), 0.0, 1.0
 
     def _largest(self) -> float:
         """Return the largest eigenvalue of the compliance [mm/MPa], by power iteration."""
@@ -297,23 +307,25 @@ class PlanarSolver:
     def _factor(self, move: Floats, turn: float, elapsed: float) -> Floats:
         """Return the strength over its static one."""
         speed = (math.hypot(*move) + abs(turn) * 0.5 * float(self._inner.x[-1])) / elapsed
-        factor = float(self._friction.speed_factor(speed)) if speed > 0.0 else 1.0
-        return factor * (np.ones_like(self._path) if self._drop > 0.0 else self._friction.weakening(self._path))
+        if speed > 0.0:  # a resting interface keeps the strength it was last probed at
+            self._speed = float(self._friction.speed_factor(speed))
+        return self._speed * (np.ones_like(self._path) if self._drop > 0.0 else self._friction.weakening(self._path))
 
     def _solve(self, strength: Floats, wanted: Floats, size: float) -> tuple[Floats, Floats]:
         """Return the tractions [MPa], and what is left to the strength, over it.
 
         Accelerated projected gradients, restarted where they overshoot.
         """
-        allowed = np.maximum(strength, 1e-300)
-        q = _within(self._traction, allowed)[0] * (strength > 0.0)
+        allowed, ellipse = np.maximum(strength, 1e-300), self._ellipse
+        bound, before = ellipse.widest**2 * self._bound, ellipse.rounded(self._traction)
+        q = _within(before, allowed)[0] * (strength > 0.0)
         ahead, weight = q, 1.0
-        clipped = float(np.abs(q - self._traction).max()) * self._bound
-        enough = TOLERANCE * max(size, clipped, 1e-9) / self._bound
+        clipped = float(np.abs(q - before).max()) * bound
+        enough = TOLERANCE * max(size, clipped, 1e-9) / bound
         left = np.ones_like(strength)
         for _ in range(MAX_ITERATIONS):
-            gradient = self._compliant(ahead) - wanted
-            found, left = _within(ahead - gradient / self._bound, allowed)
+            gradient = ellipse.stretched(self._compliant(ellipse.stretched(ahead)) - wanted)
+            found, left = _within(ahead - gradient / bound, allowed)
             found *= strength > 0.0
             change, rest = found - q, ahead - found
             if float((change * rest).sum()) > 0.0:
@@ -324,12 +336,12 @@ class PlanarSolver:
             q = found
             if float(np.abs(rest).max()) < enough:
                 break
-        return q, left
+        return ellipse.stretched(q), left
 
     def _frame(self, contact: AxisymmetricContact, time: float, velocity: Floats, stick: Floats) -> PlanarFrame:
         q, cells = self._traction, self._inner.shape[0]
         static = self._static(contact)
-        weakened = self._weak
+        weakened = self._weak * self._ellipse.strength(q)
         now = static * weakened
         ratio = np.divide(q, now, out=np.zeros_like(q), where=now > 0.0)
         ratio /= np.maximum(np.hypot(*ratio), 1.0)
@@ -344,6 +356,7 @@ class PlanarSolver:
         return PlanarFrame(
             time, contact, (float(tip[0]), float(tip[1])), self._rotation, ratio=fields[0:2], velocity=fields[2:4],
             slip=fields[4:6], weakened=fields[6], stick=fields[7], skin=skin, force=(float(force[0]), float(force[1])),
+            speed_factor=self._speed,
         )  # fmt: skip
 
     def _continued(self, radius: float, fields: Floats) -> Floats:

@@ -15,7 +15,7 @@ chapters 2, 5 and appendix; J. Jaeger, Arch. Appl. Mech. 65 (1995) 478; M. Ciava
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,6 +57,8 @@ class SlideFrame:
         Slip of the springs since contact [mm].
     limit_density : ndarray (m,)
         Force density at which the springs slip, weakened by their slip as it is [N/mm].
+    speed_factor : float
+        Strength at the drive's speed over that at the reference speed.
     """
 
     time: float
@@ -69,6 +71,7 @@ class SlideFrame:
     force_density: Floats = field(repr=False)
     spring_slip: Floats = field(repr=False)
     limit_density: Floats = field(repr=False)
+    speed_factor: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -284,11 +287,10 @@ def march(
             )  # fmt: skip
         load, strength = next_load, next_strength
         leaps = stick_slip_drop > 0.0 and bool(np.all(np.abs(moved[strength > 0.0]) > 1e-12))
-        frames.append(
-            _frame(
-                contacts[i], float(t[i]), row, force, float(loss[i]), moved, float(drive[i]), drive_stiffness, shares[i]
-            )
+        frame = _frame(
+            contacts[i], float(t[i]), row, force, float(loss[i]), moved, float(drive[i]), drive_stiffness, shares[i]
         )
+        frames.append(replace(frame, speed_factor=factor))
     return Slide(tuple(frames), edges)
 
 

@@ -16,8 +16,9 @@ from evanesce.inference.codec import Filmed, codec_behind, filmed
 from evanesce.inference.data import SCALE_STEP, data_vector, stepped
 from evanesce.inference.gate import gate_of
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.codecs import Codec
 from evanesce.prediction.observe import observe
-from evanesce.prediction.recoded import Codec, Recoded
+from evanesce.prediction.recoded import Recoded
 
 NOISY = {"camera.analogue_gain": 8.0, "camera.exposure_ms": 0.56}
 

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from evanesce.core import threads
-from evanesce.prediction.codec_search import codec_of
+from evanesce.prediction.codec_search import _likely, codec_of
+from evanesce.prediction.codecs import ENCODERS, Codec, Likely
 from evanesce.prediction.observe import pixel_scatter
-from evanesce.prediction.recoded import ENCODERS, Codec, Likely, Recoded, Shooting, recoded
+from evanesce.prediction.recoded import Recoded, Shooting, recoded
 from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View, binned
 from evanesce.rig import load_scene
+from evanesce.sensor.codec import STEADY
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +76,18 @@ def test_draws_are_as_frequent_as_codecs_are_probable() -> None:
     assert [sum(codec.quality == q for codec, _ in drawn) for q in (26, 25, 28)] == [12, 6, 2]
     assert all(scale == {26: 1.0, 25: 1.1, 28: 0.9}[codec.quality] for codec, scale in drawn)
     assert Likely.alone(likely.codec, 1.2).drawn(3) == [(likely.codec, 1.2)] * 3
+
+
+def test_a_jpeg_and_a_video_that_leave_the_same_noise_are_both_drawn() -> None:
+    """A defocused contact behind H.264 once passed for a JPEG, by deviations of 3.8 and 4.3 in 15 traits."""
+    video, file = Codec("h264", 16, 3), Codec("jpeg", 86)
+    both = _likely({(video, 0.94): 3.8, (file, 0.94): 4.3, (file, 1.0): 9.0}, 15)
+    assert both.codec == video
+    assert both.makers == {STEADY, "jpeg"}
+    shares = {kind: sum(c.kind == kind for c, _ in both.drawn(24)) for kind in ("h264", "jpeg")}
+    assert shares["h264"] == pytest.approx(12, abs=2)
+    far = _likely({(video, 0.94): 900.0, (file, 0.94): 4.3}, 15)
+    assert far.makers == {"jpeg"}
 
 
 @pytest.mark.slow  # a quarter of a minute each

@@ -40,6 +40,19 @@ def test_press_in_three_dimensions_agrees_with_the_section(run: SolvedRun) -> No
     assert pressed.depth == pytest.approx(flat.history.steps[-1].state.depth, rel=0.05)
 
 
+@pytest.mark.slow  # 20 s: two presses in three dimensions
+def test_a_tilted_tip_over_a_bone_is_pressed_like_an_upright_one() -> None:
+    """Sphere on sphere: what differs is the shaft, and where elements lie."""
+    size = MeshSize(contact=1.0, fine_extent=8.8, growth=1.4, coarsest=3.0)
+    found = []
+    for tilt in (0.0, 30.0):
+        shape = FingerShape(bone_radius=3.75, tilt_deg=tilt)
+        pressed = slide(shape, rubber("silskin_0"), force=1.0, distances=(0.01,), friction=MU, size=size)
+        found.append(pressed.row(pressed.reached()[0]))
+    assert found[1]["depth_mm"] == pytest.approx(found[0]["depth_mm"], rel=0.03)
+    assert found[1]["area_mm2"] == pytest.approx(found[0]["area_mm2"], rel=0.08)
+
+
 def test_all_sticks_before_it_slips(run: SolvedRun) -> None:
     """A first move of 0.1 mm is met by the shear of the whole finger: global stick, tangential force in proportion."""
     start = run.reached()[0]

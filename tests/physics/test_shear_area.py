@@ -8,6 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from evanesce.contact.analytic.hertz import hertz_radius
 from evanesce.contact.analytic.jkr import jkr_radius
+from evanesce.contact.fem.library import TO_GROSS_SLIP, library_press, library_slide
 from evanesce.contact.sliding.shear_area import bulging_share, peeled_radius, peeling_share
 from evanesce.contact.solve import contact_sequence
 from evanesce.core.states import ContactState
@@ -52,15 +53,38 @@ def test_limits_of_peeling() -> None:
     assert small[1] == pytest.approx(4 * small[0], rel=0.05)  # by the square of the shear, as Sahli measured
 
 
+@pytest.mark.parametrize(("name", "bone"), list(TO_GROSS_SLIP))
+def test_bulging_is_that_of_the_solved_slide(name: str, bone: str) -> None:
+    one, fit = library_slide(TO_GROSS_SLIP[name, bone][0]).scalars, material(name).mooney_rivlin
+    assert fit is not None
+    share = bulging_share(library_press(name, bone).area(1.0), fit.shear_modulus_MPa, name, bone)
+    away = [share(float(q)) - a / one["area"][0] for q, a in zip(one["tangential_force"], one["area"], strict=True)]
+    assert share(0.0) == 1.0
+    assert np.sqrt(np.mean(np.square(away))) < 0.06  # single steps of coarse elements scatter
+    assert share(1e3) == share(one["tangential_force"].max() + 1e-6)  # it stays beyond the last
+
+
+def test_a_solid_finger_of_soft_silicone_gains_area_before_it_loses_it() -> None:
+    """As the thesis reports of Silskin 20 %, which slid by 15 mm without gross slip (section 6.4.3)."""
+    one, fit = library_slide(TO_GROSS_SLIP["silskin_20", "none"][0]).scalars, material("silskin_20").mooney_rivlin
+    assert fit is not None
+    share = bulging_share(library_press("silskin_20").area(1.0), fit.shear_modulus_MPa, "silskin_20", "none")
+    gained = [share(q) for q in np.linspace(0.0, 0.2, 21)]
+    assert 1.08 < max(gained) < 1.16
+    assert share(0.67) < 0.6
+    at_15 = np.interp(15.0, one["slide"], one["tangential_force"] / one["normal_force"])
+    assert at_15 < 0.5 * 1.75
+
+
 @pytest.mark.parametrize("bone", ["none", "half"])
-def test_bulging_is_that_of_the_solved_slide(bone: str) -> None:
+def test_the_share_is_that_of_a_slide_on_a_finer_mesh_at_another_friction(bone: str) -> None:
+    """Elements of 0.8 in place of 1.1 mm, 0.82 in place of 1.13: the strain decides."""
     one = slide_curves()[f"silskin_0_{bone}_mu082_force"]
     fit = material("silskin_0").mooney_rivlin
     assert fit is not None
-    share = bulging_share(float(one["area_mm2"][0]), fit.shear_modulus_MPa, bone)
-    for force, ratio in zip(one["tangential_force_N"][1:-1:4], one["area_ratio"][1:-1:4], strict=True):
-        if force < 0.8:
-            assert share(float(force)) == pytest.approx(float(ratio), abs=0.004)
+    share = bulging_share(library_press("silskin_0", bone).area(1.0), fit.shear_modulus_MPa, "silskin_0", bone)
+    away = [share(q) - ratio for q, ratio in zip(one["tangential_force_N"], one["area_ratio"], strict=True) if q < 0.8]
+    assert max(np.abs(away)) < 0.05
 
 
 def test_an_adhesive_slide_loses_area_by_default_and_a_dry_one_does_not() -> None:
@@ -79,7 +103,7 @@ def test_a_solid_finger_gains_then_loses_and_one_with_a_bone_loses() -> None:
     bone, solid_law = {"contact": {"law": "fem"}}, {"contact": {"law": "fem", "bone": "none"}}
     solid, boned = (np.array([s.nominal_contact_area for s in slide(**held, **law)]) for law in (solid_law, bone))
     assert solid.max() > 1.015 * solid[0]
-    assert solid[-1] == pytest.approx(0.946 * solid[0], rel=0.02)
+    assert solid[-1] == pytest.approx(0.946 * solid[0], rel=0.03)
     assert boned.max() == boned[0]
     assert boned[-1] == pytest.approx(0.873 * boned[0], rel=0.02)
     # lost at the trailing edge: the middle moves on, along the finger's force on the glass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,29 @@ def test_what_is_held(make: object, name: str) -> None:
     cap = mesh.points[mesh.candidates]
     distance = np.linalg.norm(cap - np.append(np.zeros(mesh.dim - 1), shape.tip_radius), axis=1)
     np.testing.assert_allclose(distance, shape.tip_radius, rtol=1e-9)
+
+
+@pytest.mark.parametrize("tilt", [12.0, 45.0])
+@pytest.mark.parametrize("name", ["thesis", "bone", "flatter tip"])
+def test_a_tilted_finger_is_the_upright_one_turned_about_its_tip(name: str, tilt: float) -> None:
+    size = MeshSize(contact=0.9, growth=1.3, coarsest=1.5)
+    upright, leant = finger_half(SHAPES[name], size), finger_half(replace(SHAPES[name], tilt_deg=tilt), size)
+    np.testing.assert_array_equal(leant.clamped, upright.clamped)
+    np.testing.assert_allclose(_hex_volumes(leant), _hex_volumes(upright), rtol=1e-9)
+    tip = np.array([0.0, 0.0, SHAPES[name].tip_radius])
+    for mesh in (upright, leant):  # the sphere stays where it was, and no skin lies lower
+        away = np.linalg.norm(mesh.points[mesh.candidates] - tip, axis=1)
+        np.testing.assert_allclose(away, SHAPES[name].tip_radius, rtol=1e-9)
+        assert mesh.points[:, 2].min() > -1e-9
+    top = leant.points[upright.points[:, 2] > SHAPES[name].length - 1e-7].mean(axis=0) - tip
+    assert np.degrees(np.arctan2(top[0], top[2])) == pytest.approx(tilt, abs=1e-6)
+
+
+def test_tilts_that_no_mesh_has_are_refused() -> None:
+    with pytest.raises(InputError, match="rim"):
+        FingerShape(tip_radius=10.0, diameter=15.0, tilt_deg=49.0)
+    with pytest.raises(InputError, match="axisymmetric"):
+        finger_section(FingerShape(tilt_deg=5.0), MeshSize(contact=0.9))
 
 
 def test_every_inner_edge_of_the_section_joins_two_elements() -> None:

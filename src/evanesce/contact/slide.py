@@ -102,7 +102,7 @@ def slide_warnings(scene: Scene) -> tuple[str, ...]:
     if in_plane(slide) and (isinstance(law, FemLaw) or adheres):
         return ("area stays under shear: the contact of a slide that spins or is pulled aside is round",)
     if isinstance(law, FemLaw):
-        fit, most = silicone_of(scene.finger).mooney_rivlin, solved_strain(law.bone)
+        fit, most = silicone_of(scene.finger).mooney_rivlin, solved_strain(scene.finger.material, law.bone)
         assert fit is not None  # law fem has one
         held = slide_programme(scene).normal_force
         area = math.pi * apply_law(scene, held).contact.contact_radius ** 2
@@ -256,7 +256,10 @@ def _shares(
         @cache
         def bulged(radius: float, force: float) -> Share:
             return bulging_share(
-                math.pi * radius**2, stiff.shear_modulus_MPa * stiffness_factor(finger, force), law.bone
+                math.pi * radius**2,
+                stiff.shear_modulus_MPa * stiffness_factor(finger, force),
+                finger.material,
+                law.bone,
             )
 
         return [bulged(one.contact_radius, one.normal_force) for one in contacts]

@@ -22,8 +22,9 @@ from evanesce.inference.data import DataVector, step_sd, stepped
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction import priors
 from evanesce.prediction.codec_search import codec_of
+from evanesce.prediction.codecs import Codec, Likely
 from evanesce.prediction.noise_scale import noise_scale_of
-from evanesce.prediction.recoded import DRAWS, Codec, Likely, Recoded, Shooting, recoded
+from evanesce.prediction.recoded import DRAWS, Recoded, Shooting, recoded
 
 Array = NDArray[Any]
 

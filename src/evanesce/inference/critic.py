@@ -33,9 +33,10 @@ from evanesce.inference.search import Search
 from evanesce.inference.series.beside import bank_of, discrepancy_of, with_series
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
+from evanesce.prediction.codecs import Likely
 from evanesce.prediction.observe import Observation, observe, require_monochrome
 from evanesce.prediction.processes import processes
-from evanesce.prediction.recoded import DRAWS, Likely
+from evanesce.prediction.recoded import DRAWS
 from evanesce.prediction.views import BIN_PX
 
 Array = NDArray[Any]

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.threads import one_by_one
+from evanesce.prediction.codecs import ENCODERS, Codec, Kind, Likely
 from evanesce.prediction.observe import pixel_scatter
-from evanesce.prediction.recoded import ENCODERS, Codec, Kind, Likely, Shooting
+from evanesce.prediction.recoded import Shooting
 from evanesce.prediction.views import BIN_PX
 from evanesce.sensor.codec import STEADY
 
@@ -109,44 +110,45 @@ def codec_of(
         new = [pair for pair in dict.fromkeys(pairs) if pair not in tried]
         tried.update(zip(new, one_by_one(lambda k: unlike(*new[k]), len(new)), strict=True))
 
-    def refine(encoder: str) -> tuple[Codec, float]:
-        own = [pair for pair in tried if pair[0].encoder == encoder]
+    def refine(maker: str) -> tuple[Codec, float]:
+        own = [pair for pair in tried if pair[0].maker == maker]
         for steps, times in REFINED:
             # How much noise came in and how much was kept back take each other's place.
             best, scale = min(own, key=lambda t: tried[t])
             around = itertools.product((0,) if known else (-steps, 0, steps), (1.0 / times, 1.0, times))
             attempt((best.worse(step), scale * factor) for step, factor in around)
-            own = [pair for pair in tried if pair[0].encoder == encoder]
+            own = [pair for pair in tried if pair[0].maker == maker]
         return min(own, key=lambda t: tried[t])
 
     first = [Codec(kind, q, FILMED if kind == "h264" else 1) for kind, own in QUALITIES.items() for q in own]
     every = NOISE_FACTORS if known else (1.0,)
     pairs = [(known or c, f) for c in first for f in (NOISE_FACTORS if c.kind == "h264" else every)]
     attempt((codec, shooting.scale * factor) for codec, factor in pairs)
-    best, scale = refine(STEADY)
-    if best.kind == "h264":
+    traits = int(np.isfinite(seen).sum())
+    for maker in {pair[0].maker: pair[0] for pair in tried}:
+        refine(maker)
+    if STEADY in _likely(tried, traits).makers:  # or another video's encoder may have made them, as well as a JPEG's
+        best, scale = refine(STEADY)
         attempt([(replace(best, filmed=1), scale)])
         for one in ENCODERS[1:]:
             attempt((replace(best, encoder=one).worse(step), scale) for step in OTHERS)
             refine(one)
-    return _likely(tried, np.isfinite(seen).sum())
+    return _likely(tried, traits)
 
 
 def _likely(tried: Mapping[tuple[Codec, float], float], traits: int) -> Likely:
     """Return what was tried by its probability, from sums of squared deviations of so many traits.
 
-    Of one encoder, traits tell quality and noise. Which encoder it was they hardly tell: the one that filmed is like
-    none of those tried, and all its traits are off together, so that they count as one.
+    Of one encoder (JPEG's, too), traits tell quality and noise. Which encoder it was they hardly tell: the one that
+    filmed is like none of those tried, and all its traits are off together, so that they count as one.
     """
-    every = {
-        codec.encoder: min(off for (c, _), off in tried.items() if c.encoder == codec.encoder) for codec, _ in tried
-    }
+    every = {codec.maker: min(off for (c, _), off in tried.items() if c.maker == codec.maker) for codec, _ in tried}
     least = min(every.values())
     wide = max(least / traits, 1.0)
     shares = {name: float(np.exp(0.5 * (least - off) / (wide * traits))) for name, off in every.items()}
     weights: dict[tuple[Codec, float], float] = {}
     for name, share in shares.items():
-        own = {pair: off for pair, off in tried.items() if pair[0].encoder == name}
+        own = {pair: off for pair, off in tried.items() if pair[0].maker == name}
         alike = {pair: float(np.exp(0.5 * (every[name] - off) / wide)) for pair, off in own.items()}
         weights |= {pair: share * weight / sum(alike.values()) for pair, weight in alike.items()}
     largest = max(weights.values())

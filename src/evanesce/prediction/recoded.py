@@ -7,32 +7,26 @@ frame to frame. So the predicted frames are given the camera's noise and filmed.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import Any
 
-import av
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, ndimage
 
-from evanesce.core.states import Frame
 from evanesce.core.threads import one_by_one
 from evanesce.prediction import priors
+from evanesce.prediction.codecs import Codec, Likely
 from evanesce.prediction.correlation import Correlation
 from evanesce.prediction.tone import expected_tone, signal_sd
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Camera
-from evanesce.sensor.codec import STEADY, VideoWriter
 from evanesce.sensor.expose import frame_of
 
 Array = NDArray[Any]
-Kind = Literal["h264", "jpeg"]
 
 DRAWS = 24
 """Of all frames; fewer where they are large (:data:`MOST_PIXELS`)."""
@@ -45,19 +39,9 @@ MOST_PIXELS = 1.2e9
 MOST_KEPT = 1e8
 """Pixels of predicted frames that are kept while they are drawn; more are made anew for each draw."""
 
-QUALITY_OFF: Mapping[Kind, float] = {"h264": 0.0, "jpeg": 3.0}
-SCALE_OFF, LIGHT_OFF = 0.03, 0.01
+JPEG_OFF, SCALE_OFF, LIGHT_OFF = 3.0, 0.03, 0.01
 """Standard deviations by which draws differ: a figure of JPEG from that of another encoder with as much noise left, the
 logarithms of noise (half a step of those that were tried) and light. Black levels differ by their prior."""
-
-ENCODERS = (
-    STEADY,
-    "mbtree=1:threads=1:lookahead-threads=1",
-    f"{STEADY}:aq-mode=0",
-    f"{STEADY}:ref=1:subme=2:trellis=0:weightp=0",
-)
-"""Of H.264, by parameters of x264: which one filmed is not known, and what it makes of weak contrasts depends on
-whether it looks ahead, spares flat parts, and how hard it searches."""
 
 BANDS = 2
 """Of spatial frequency, to an octave, over each of which the noise's power is averaged."""
@@ -76,99 +60,6 @@ LUMA_STEP_DN = 255.0 / 219.0
 
 SHRINK = 0.05
 """Of correlations between views towards none: so few draws know them so well."""
-
-
-@dataclass(frozen=True)
-class Codec:
-    """A lossy codec.
-
-    Attributes
-    ----------
-    kind : {"h264", "jpeg"}
-    quality : int
-        Constant rate factor; JPEG's quality.
-    filmed : int
-        Frames of a video for each that is kept, the last of them.
-    encoder : str
-        Of a video: one of :data:`ENCODERS`.
-    """
-
-    kind: Kind
-    quality: int
-    filmed: int = 1
-    encoder: str = STEADY
-
-    def __str__(self) -> str:
-        name = "H.264 of rate factor" if self.kind == "h264" else "JPEG of quality"
-        return f"{name} {self.quality}"
-
-    def worse(self, steps: int) -> Codec:
-        """Return one of another quality, by so many steps of its scale."""
-        low, high = (1, 51) if self.kind == "h264" else (1, 100)
-        return replace(self, quality=int(np.clip(self.quality + steps, low, high)))
-
-    def through(self, frames: Iterator[Array]) -> Iterator[Array]:
-        """Yield frames (rows, cols) of uint8 after the codec, the kept ones."""
-        return _as_video(frames, self) if self.kind == "h264" else _as_jpeg(frames, self.quality)
-
-
-def _as_jpeg(frames: Iterator[Array], quality: int) -> Iterator[Array]:
-    for frame in frames:
-        _, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        yield np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
-
-
-def _as_video(frames: Iterator[Array], codec: Codec) -> Iterator[Array]:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "film.mp4"
-        shape = (0, 0)
-        with VideoWriter(path, codec="h264", quality=codec.quality, x264=codec.encoder) as film:
-            for k, frame in enumerate(frames):
-                shape = frame.shape
-                even = np.pad(frame, [(0, n % 2) for n in shape], mode="edge")
-                film.add(Frame(data=even, time=k / 30.0, index=k))
-        with av.open(str(path)) as container:
-            for k, picture in enumerate(container.decode(video=0)):
-                if k % codec.filmed == codec.filmed - 1:
-                    yield picture.to_ndarray(format="rgb24")[: shape[0], : shape[1], 1]
-
-
-@dataclass(frozen=True)
-class Likely:
-    """Codecs, with the noise before them, by which noise comes as it came in the replicates.
-
-    Attributes
-    ----------
-    codecs : tuple of Codec
-        The most alike one first.
-    scales : tuple of float
-        Real over modelled noise before the tone curve.
-    probability : tuple of float
-    """
-
-    codecs: tuple[Codec, ...]
-    scales: tuple[float, ...]
-    probability: tuple[float, ...]
-
-    @classmethod
-    def alone(cls, codec: Codec, scale: float) -> Likely:
-        """Return a codec and a noise that are known."""
-        return cls((codec,), (scale,), (1.0,))
-
-    @property
-    def codec(self) -> Codec:
-        """The most alike one."""
-        return self.codecs[0]
-
-    @property
-    def scale(self) -> float:
-        """Noise before the most alike one."""
-        return self.scales[0]
-
-    def drawn(self, count: int) -> list[tuple[Codec, float]]:
-        """Return so many of them with the noise before each, as often as they are probable."""
-        places = np.searchsorted(np.cumsum(self.probability), (np.arange(count) + 0.5) / count)
-        return [(self.codecs[k], self.scales[k]) for k in np.minimum(places, len(self.codecs) - 1)]
 
 
 @dataclass(frozen=True)
@@ -331,7 +222,8 @@ def recoded(
         Draws at the most.
     """
     codec = likely.codec
-    size = float(np.prod(shooting.camera.resolution_px)) * codec.filmed * sum(v.frames for v in views)
+    filmed = max(one.filmed for one in likely.codecs)
+    size = float(np.prod(shooting.camera.resolution_px)) * filmed * sum(v.frames for v in views)
     draws = min(int(np.clip(MOST_PIXELS / size, LEAST_DRAWS, DRAWS)), most)
     kept: list[Array] | None = None
     if np.prod(shooting.camera.resolution_px) * len(views) < MOST_KEPT:
@@ -349,7 +241,7 @@ def recoded(
     def drawn(number: int) -> tuple[Array, Array, Array]:
         own = draws_of[number]
         own_codec, scale = codecs[number]
-        off = round(float(own.standard_normal()) * QUALITY_OFF[codec.kind])
+        off = round(float(own.standard_normal()) * (JPEG_OFF if own_codec.kind == "jpeg" else 0.0))
         taking = replace(shooting, scale=scale).another(own)
         return _one_draw(taking, picture_of, views, own_codec.worse(off), own)
 
@@ -370,7 +262,7 @@ def recoded(
     middle = total / draws
     # A draw adds its own to a mean that is uncertain by a part of that.
     scatter = _smooth(np.maximum(square / draws - middle**2, 0.0)) * (draws + 1) / (draws - 1)
-    encoders = tuple(one.encoder for one, _ in codecs)
+    encoders = tuple(one.maker for one, _ in codecs)
     return Recoded(codec, bias, fields, passed, (middle, np.sqrt(scatter)), encoders if len(set(encoders)) > 1 else ())
 
 

@@ -31,6 +31,15 @@ SLIDES = FOLDER / "slides"
 BONES = {"none": 0.0, "half": 3.75}
 """Bone radius [mm] by name: none, or half the tip radius."""
 
+TO_GROSS_SLIP = {
+    ("silskin_0", "none"): ("silskin_0_none_mu113", 1.13, 1.1),
+    ("silskin_0", "half"): ("silskin_0_half_mu113", 1.13, 0.8),
+    ("silskin_20", "none"): ("silskin_20_none_mu175", 1.75, 1.1),
+    ("silskin_20", "half"): ("silskin_20_half_mu175", 1.75, 1.1),
+}
+"""Slides by material and bone at 1 N held, their coefficients of friction (the largest of the thesis's slides), and the
+size of their elements [mm]."""
+
 _PRESS_SCALARS = ("force", "depth", "contact_radius")
 _SLIDE_SCALARS = ("depth", "slide", "normal_force", "tangential_force", "area")
 _SLIDE_FLAGS = ("touching", "slipping")

@@ -35,12 +35,15 @@ class FingerShape:
         From apex to top face [mm].
     bone_radius : float
         Of a rigid round-ended core [mm]; 0 for none. At the apex the skin over it is diameter/2 - bone_radius thick.
+    tilt_deg : float
+        Lean of the finger's top towards +x from the glass's normal, about the centre of its tip; of half bodies.
     """
 
     tip_radius: float = 7.5
     diameter: float = 15.0
     length: float = 25.0
     bone_radius: float = 0.0
+    tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:
         half = self.diameter / 2
@@ -54,6 +57,9 @@ class FingerShape:
             raise InputError(f"{self.length:g} mm", key="length", allowed=f"at least the cap, {self.cap_height:g} mm")
         if self.bone_radius > 0.9 * half:
             raise InputError(f"{self.bone_radius:g} mm", key="bone_radius", allowed=f"0 to {0.9 * half:g} mm")
+        rim = float(np.degrees(self.cap_angle))
+        if not 0.0 <= self.tilt_deg < rim:
+            raise InputError(f"{self.tilt_deg:g} deg", key="tilt", allowed=f"0 to below the tip's rim at {rim:.3g} deg")
         if self.bone_radius > 0 and self.length < half:
             raise InputError(f"{self.length:g} mm", key="length", allowed=f"at least {half:g} mm with a bone")
 
@@ -273,6 +279,8 @@ def finger_section(shape: FingerShape, size: MeshSize = MeshSize()) -> SolidMesh
     SolidMesh
         ``facets`` run along the skin from the apex to the top; the first ``candidates`` node is the apex.
     """
+    if shape.tilt_deg:
+        raise InputError(f"{shape.tilt_deg:g} deg", key="tilt", allowed="0 for an axisymmetric press")
     cap_length = shape.tip_radius * shape.cap_angle
     arcs = graded(cap_length, size.contact, size.fine_extent, size.growth, size.coarsest)
     if arcs.size < 3:

@@ -87,9 +87,10 @@ def finger_half(shape: FingerShape, size: MeshSize) -> SolidMesh:
         core = np.concatenate([np.column_stack([flat, np.full(len(flat), height)]) for height in z])
         everything.append(core)
         all_cells.append(start + _extrude(disc_cells, len(disc), z.size))
-    points, cell_array, renumber = _merged(np.vstack(everything), np.vstack(all_cells))
+    upright, cell_array, renumber = _merged(np.vstack(everything), np.vstack(all_cells))
     skin = [renumber[f] for f in facets]
-    clamped = points[:, 2] > shape.length - 1e-7
+    clamped = upright[:, 2] > shape.length - 1e-7
+    points = _leant(upright, shape)
     if shape.bone_radius > 0:
         inner = np.concatenate(
             [np.arange(len(disc)) + len(disc) * (line.layers.size - 1), len(cap_points) + grid[:, -1].ravel()]
@@ -102,6 +103,17 @@ def finger_half(shape: FingerShape, size: MeshSize) -> SolidMesh:
         candidates=np.unique(np.vstack(skin[:2])),
         clamped=np.flatnonzero(clamped),
         mirror=np.flatnonzero((np.abs(points[:, 1]) < 1e-9) & ~clamped),
+    )
+
+
+def _leant(points: Floats, shape: FingerShape) -> Floats:
+    """Turn a finger about the centre of its tip, which keeps touching the plane z = 0; its top leans towards +x."""
+    if shape.tilt_deg == 0.0:
+        return points
+    angle = np.radians(shape.tilt_deg)
+    x, y, up = points[:, 0], points[:, 1], points[:, 2] - shape.tip_radius
+    return np.column_stack(
+        [np.cos(angle) * x + np.sin(angle) * up, y, shape.tip_radius - np.sin(angle) * x + np.cos(angle) * up]
     )
 
 

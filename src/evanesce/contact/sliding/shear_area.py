@@ -9,27 +9,28 @@ which is JKR at Q = 0. It has no solution beyond a largest shear, where the edge
 Briggs 1977).
 
 Large strain. A sheared body bulges ahead, where skin is laid on, and is pulled off behind: the share of area by mean
-shear strain Q/(A G) is that of the slides solved by finite elements (:mod:`evanesce.contact.fem`), solid or over a
-bone, between points; beyond the last it stays. That it depends on this strain alone is assumed.
+shear strain Q/(A G) is that of the slide that was solved by finite elements (:mod:`evanesce.contact.fem`) of the same
+silicone, solid or over a bone; beyond its last it stays. That it depends on this strain alone is assumed.
 
 Reference: A. R. Savkoor and G. A. D. Briggs, Proc. R. Soc. A 356 (1977) 103.
 """
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.analytic.hertz import hertz_radius
+from evanesce.contact.fem.library import TO_GROSS_SLIP, library_press, library_slide
+from evanesce.materials import tables
 
 Floats = NDArray[np.float64]
 Share = Callable[[float], float]
-TABLE = Path(__file__).resolve().parent / "solved_shear.toml"
+STEPS = 24
+"""Of strain, over each of which the share of a solved slide is averaged."""
 
 
 def peeled_radius(force: float, shear: float, radius: float, modulus: float, tangential: float, work: float) -> float:
@@ -77,23 +78,42 @@ def peeling_share(force: float, radius: float, modulus: float, tangential: float
     return lambda q: (peeled_radius(force, abs(q), radius, modulus, tangential, work) / full) ** 2
 
 
-@lru_cache(maxsize=1)
-def _solved() -> dict[str, tuple[Floats, Floats]]:
-    tables = tomllib.loads(TABLE.read_text(encoding="utf-8"))
-    return {bone: (np.array(one["shear"]), np.array(one["share"])) for bone, one in tables.items()}
+@lru_cache(maxsize=8)
+def _solved(material: str, bone: str) -> tuple[Floats, Floats]:
+    """Return the mean shear strain of a solved slide [1], ascending, and the share of area left."""
+    found, fit = (
+        library_slide(TO_GROSS_SLIP[_nearest(material), bone][0]),
+        tables.material(_nearest(material)).mooney_rivlin,
+    )
+    assert fit is not None  # of both materials
+    share = found.scalars["area"] / found.scalars["area"][0]
+    # coarse elements have too large an area: strain is by that of the fine press at the same force
+    area = library_press(_nearest(material), bone).area(float(found.scalars["normal_force"][0]))
+    strain = np.abs(found.scalars["tangential_force"]) / (area * fit.shear_modulus_MPa)
+    # elements that spring off one by one, and skin that folds, make single steps jump
+    steps = np.minimum((strain / strain.max() * STEPS).astype(int), STEPS - 1)
+    count = np.bincount(steps, minlength=STEPS)
+    means = [np.bincount(steps, one, STEPS)[count > 0] / count[count > 0] for one in (strain, share)]
+    return np.append(0.0, means[0]), np.append(1.0, means[1])
 
 
-def solved_strain(bone: str) -> float:
+def _nearest(material: str) -> str:
+    """Return the solved material that stands for one: Silskin 0 % for what has no slide of its own."""
+    return material if (material, "none") in TO_GROSS_SLIP else "silskin_0"
+
+
+def solved_strain(material: str, bone: str) -> float:
     """Return the largest mean shear strain Q/(A G) of the solved slides [1], beyond which the share of area stays.
 
     Parameters
     ----------
+    material : str
     bone : {"none", "half"}
     """
-    return float(_solved()[bone][0][-1])
+    return float(_solved(material, bone)[0][-1])
 
 
-def bulging_share(area: float, shear_modulus: float, bone: str) -> Share:
+def bulging_share(area: float, shear_modulus: float, material: str, bone: str) -> Share:
     """Return the share of area that is left under a shear force [N], by finite elements.
 
     Parameters
@@ -102,6 +122,8 @@ def bulging_share(area: float, shear_modulus: float, bone: str) -> Share:
         Without shear [mm^2].
     shear_modulus : float
         G [MPa].
+    material : str
+        Whose slide was solved; Silskin 0 % stands for others.
     bone : {"none", "half"}
 
     Returns
@@ -109,5 +131,5 @@ def bulging_share(area: float, shear_modulus: float, bone: str) -> Share:
     callable
         Q [N] -> share.
     """
-    strain, share = _solved()[bone]
+    strain, share = _solved(material, bone)
     return lambda q: float(np.interp(abs(q) / (area * shear_modulus), strain, share))

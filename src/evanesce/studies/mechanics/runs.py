@@ -1,10 +1,10 @@
 """The finite-element runs that the mechanics study needs beyond the library.
 
 ``python -m evanesce.studies.mechanics.runs`` solves and writes them: presses of the thesis's other fingers (length
-7.5 mm, tip radius 10 mm) and slides at its three coefficients of friction, each without a bone and with one of half the
-shaft's radius. ``data/*.npz`` has the library's formats (:mod:`evanesce.contact.fem.library`,
-:mod:`evanesce.contact.fem.library`) and ships with the project, so that reading it needs no extra. A second call
-finds solved runs in the cache.
+7.5 mm, tip radius 10 mm), slides at its three coefficients of friction and of its other fingers, and tilted presses of
+both materials, each without a bone and with one of half the shaft's radius. ``data/*.npz`` has the library's formats
+(:mod:`evanesce.contact.fem.library`) and ships with the project, so that reading it needs no extra. A second call finds
+solved runs in the cache.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Literal
 
 from evanesce.contact.fem.library import library_press, library_slide, save_library_press, save_library_slide
-from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.make_library import FAR_SIZE
+from evanesce.contact.fem.material import carried_on, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.programme import press, slide
 from evanesce.contact.fem.result import SolvedRun
@@ -35,11 +36,15 @@ FORCES = (0.7, 0.85, 1.0, 1.2, 1.4)
 PRESS_SIZE = MeshSize(contact=0.12)
 
 Hold = Literal["force", "depth"]
+Mesh = Literal["", "check", "far", "tilt"]
 FRICTIONS = (0.67, 0.82, 1.13)  # thesis, chapter 6: tried in its finite elements
-DISTANCE = 10.0  # [mm]
+DISTANCE, FAR = 10.0, 20.0  # [mm]
 SLIDE_SIZE = MeshSize(contact=0.8, growth=1.4, coarsest=4.0)
 # A second, finer mesh for the error of the first.
 CHECK_SIZE = MeshSize(contact=0.6, growth=1.4, coarsest=3.0)
+# Even out to where a finger tilted by 45 deg touches.
+TILT_SIZE = MeshSize(contact=0.8, fine_extent=8.8, growth=1.4, coarsest=3.0)
+TILT_DEG = 45.0  # thesis, section 6.6
 
 
 @dataclass(frozen=True)
@@ -50,19 +55,21 @@ class Shape:
     diameter: float
     length: float
 
-    def finger(self, bone: str) -> FingerShape:
+    def finger(self, bone: str, tilt_deg: float = 0.0) -> FingerShape:
         """Return it without a bone (``"none"``) or with one (``"half"``).
 
         Parameters
         ----------
         bone : {"none", "half"}
+        tilt_deg : float
+            [deg].
 
         Returns
         -------
         FingerShape
         """
         radius = self.diameter / 4 if bone == "half" else 0.0
-        return FingerShape(self.tip_radius, self.diameter, self.length, radius)
+        return FingerShape(self.tip_radius, self.diameter, self.length, radius, tilt_deg)
 
 
 # Section 6.5 compares D 20 L 10 with D 15 L 7.5; the long fingers of both diameters are solved beside them.
@@ -77,26 +84,57 @@ SHAPES = {
 
 @dataclass(frozen=True)
 class SlideCase:
-    """One slide of Silskin 0 % from 1 N: coefficient of friction, bone, what is held, and which mesh."""
+    """One slide from 1 N.
+
+    Attributes
+    ----------
+    friction : float
+        Coefficient.
+    bone, hold : str
+        Bone, and what is held.
+    mesh : {"", "check", "far", "tilt"}
+        The usual one, or another of this module. ``far`` slides to gross slip, by a material that is carried on beyond
+        where its fit loses stability; on ``tilt`` a finger is pressed and hardly slid.
+    material, shape : str
+    tilt_deg : float
+        [deg].
+    """
 
     friction: float
     bone: str
     hold: Hold
-    check: bool = False
+    mesh: Mesh = ""
+    material: str = "silskin_0"
+    shape: str = "standard"
+    tilt_deg: float = 0.0
 
     @property
     def name(self) -> str:
         """File name without suffix."""
-        mesh = "_check" if self.check else ""
-        return f"silskin_0_{self.bone}_mu{round(100 * self.friction):03d}_{self.hold}{mesh}"
+        shape = "" if self.shape == "standard" else f"_{self.shape}"
+        mesh = f"_{self.mesh}" if self.mesh else ""
+        tilt = f"{self.tilt_deg:.0f}" if self.mesh == "tilt" else ""
+        return f"{self.material}{shape}_{self.bone}_mu{round(100 * self.friction):03d}_{self.hold}{mesh}{tilt}"
+
+    @property
+    def distance(self) -> float:
+        """[mm]."""
+        return {"far": FAR, "tilt": 0.01}.get(self.mesh, DISTANCE)
 
 
 SLIDES = (
     *(SlideCase(mu, bone, "depth") for mu in FRICTIONS for bone in BONES),
     *(SlideCase(0.82, bone, "force") for bone in BONES),
-    *(SlideCase(0.67, bone, "depth", check=True) for bone in BONES),
-    SlideCase(0.82, "none", "force", check=True),
+    *(SlideCase(0.67, bone, "depth", "check") for bone in BONES),
+    SlideCase(0.82, "none", "force", "check"),
 )
+TO_GROSS_SLIP = tuple(SlideCase(1.13, bone, "depth", "far") for bone in BONES)
+SIZES = tuple(SlideCase(0.82, bone, "force", shape=shape) for shape in ("short", "stout") for bone in BONES)
+TILTED = tuple(
+    SlideCase(mu, bone, "force", "tilt", name, tilt_deg=tilt)
+    for name, mu in (("silskin_0", 0.67), ("silskin_20", 1.75)) for bone in BONES for tilt in (0.0, TILT_DEG)
+)  # fmt: skip
+MESHES = {"": SLIDE_SIZE, "check": CHECK_SIZE, "far": FAR_SIZE, "tilt": TILT_SIZE}
 
 
 def solved_press(material: str, shape: str, bone: str, folder: Path = FOLDER) -> LibraryPress:
@@ -140,11 +178,14 @@ def _press(material: str, shape: str, bone: str) -> SolvedRun:
 
 def _slide(case: SlideCase) -> SolvedRun:
     """Solve a slide, as far as the material carries it."""
-    size = CHECK_SIZE if case.check else SLIDE_SIZE
+    finger = SHAPES[case.shape].finger(case.bone, case.tilt_deg)
+    chosen = rubber(case.material)
+    if case.mesh == "far":
+        chosen = carried_on(chosen)
     try:
         return slide(
-            SHAPES["standard"].finger(case.bone), rubber("silskin_0"), force=1.0, distances=(DISTANCE,),
-            friction=case.friction, hold=case.hold, size=size, cache=cache_folder(),
+            finger, chosen, force=1.0, distances=(case.distance,), friction=case.friction,
+            hold=case.hold, size=MESHES[case.mesh], cache=cache_folder(),
         )  # fmt: skip
     except LimitReached as error:
         print(f"{case.name}: {error}", flush=True)
@@ -174,7 +215,7 @@ def _jobs(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
                     save_library_press(path, _press(*what))
 
                 yield name, solve_press
-    for case in SLIDES:
+    for case in (*SLIDES, *TO_GROSS_SLIP, *SIZES, *TILTED):
         yield case.name, partial(_save_slide, folder / f"{case.name}.npz", case)
 
 

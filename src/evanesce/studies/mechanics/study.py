@@ -25,6 +25,7 @@ from evanesce.studies.mechanics.ridges import press_ratios, slide_ratios
 from evanesce.studies.mechanics.runs import (
     BONES,
     FRICTIONS,
+    Mesh,
     SlideCase,
     solved_press,
     solved_slide,
@@ -34,6 +35,7 @@ Floats = NDArray[np.float64]
 
 FORCES = (0.5, 1.0, 2.0, 5.0)  # [N], at which measured area is compared with finite elements
 RIDGED_FRICTION = 0.82  # thesis, chapter 6: static coefficient of the ridged Silskin 0 % on glass
+MESHES: tuple[Mesh, Mesh] = ("", "check")
 WINDOW = (0.65, 1.45)  # [N], around 1 N: forces whose areas are smoothed by a power law
 
 
@@ -285,9 +287,8 @@ def normal_force_overshoot(friction: float) -> Prediction:
     """
     found = {bone: solved_slide(SlideCase(friction, bone, "depth")) for bone in BONES}
     # what the mesh does at 0.67 is taken to scale with the deviation itself
-    at_067 = {check: [overshoot(solved_slide(SlideCase(0.67, bone, "depth", check))) for bone in BONES]
-              for check in (False, True)}  # fmt: skip
-    relative = [abs(other / usual - 1.0) for usual, other in zip(at_067[False], at_067[True], strict=True)]
+    at_067 = [[overshoot(solved_slide(SlideCase(0.67, bone, "depth", mesh))) for bone in BONES] for mesh in MESHES]
+    relative = [abs(other / usual - 1.0) for usual, other in zip(*at_067, strict=True)]
     ends = {bone: overshoot(one) * np.array([1.0, 1.0 - off, 1.0 + off])
             for (bone, one), off in zip(found.items(), relative, strict=True)}  # fmt: skip
     ways = {bone: float(one.scalars["slide"][-1]) for bone, one in found.items()}
@@ -311,9 +312,7 @@ def ridged_sliding() -> Prediction:
     modulus = modulus_at_ridges("silskin_0")
     cases = {bone: solved_slide(SlideCase(RIDGED_FRICTION, bone, "force")) for bone in BONES}
     ratios = {bone: slide_ratios(found, modulus) for bone, found in cases.items()}
-    smooth = [
-        _end_over_start(solved_slide(SlideCase(RIDGED_FRICTION, "none", "force", check))) for check in (False, True)
-    ]
+    smooth = [_end_over_start(solved_slide(SlideCase(RIDGED_FRICTION, "none", "force", mesh))) for mesh in MESHES]
     basis = (
         "Silskin 0 %, 1 N held, mu 0.82: ridged area after a slide of 10 mm over that of the press. The smooth slide"
         " by finite elements (0.8 mm), ridges closed by a half-space as for the press. Value: no bone, pitch 1.0 mm,"

@@ -120,6 +120,18 @@ def test_a_twist_takes_the_mean_over_all_directions():
     assert series(spun, "margin")[-1] == pytest.approx(1.0, abs=0.08)  # its soft skin lags behind the turn
 
 
+def test_the_margin_of_a_slide_that_turns_counts_force_and_torque_together():
+    motion = {"torsion": 1.0, "torsion_deg": {"constant": 150.0}}
+    config = config_of(motion=motion, distance_mm=1.0)
+    plan = trial_plan(config, 8, 0)
+    rig = rig_with_effects(rig_scene(small_rig(), plan.rig, plan.finger, config), plan.rig.seed)
+    found = trial_of(plan, config, rig.scene, plate_grid(rig.scene, config))
+    margin, ratio = series(found, "margin"), series(found, "stick_ratio")
+    assert (ratio == 0.0).any()
+    assert margin[ratio == 0.0].min() > 0.9  # a soft skin that turns lags
+    assert margin.max() < 1.08
+
+
 def test_a_wiggle_over_ridges_stays_within_its_strength():
     found = trial("wiggle", ratio=0.5, direction_deg=30.0, wiggle_share=0.8, wiggle_frequency_hz=2.0)
     assert isinstance(found, PlanarTrial)

@@ -8,6 +8,7 @@ from scipy import ndimage
 from scipy.integrate import dblquad
 
 from evanesce.contact.analytic.hertz import hertz_contact
+from evanesce.contact.slide import slide_forces
 from evanesce.contact.sliding.limit_surface import directional_friction, ellipsoid_wrench, sliding_wrench
 from evanesce.contact.sliding.torsion import sliding_torque
 from evanesce.contact.solve import contact_sequence
@@ -141,6 +142,20 @@ def test_ridges_turn_with_a_spinning_finger() -> None:
     first, last = lines(states[2]), lines(states[-1])
     assert first == pytest.approx(20.0, abs=3.0)
     assert last == pytest.approx(20.0 + states[-1].parameters["rotation_deg"], abs=6.0)
+
+
+def test_stick_slip_of_a_slide_hardly_pulled_aside_is_that_along_its_line() -> None:
+    leaping = {
+        "finger__ridges": RIDGES, "slide__stick_slip_drop": 0.3, "slide__drive_stiffness_N_per_mm": 0.5,
+        "press__frame_rate_hz": 40.0, "slide__speed_mm_per_s": 2.0, "slide__distance_mm": 5.0,
+    }  # fmt: skip
+    found = []
+    for ratio in (1.0, 1.0001):
+        states = slide_forces(sliding(**leaping, slide__ridge_friction_ratio=ratio))
+        force = np.array([np.hypot(*state.tangential_force) for state in states])
+        jumps = np.flatnonzero(np.diff(force) < -0.1)
+        found.append((force[jumps + 1].mean(), np.diff(jumps).mean() / 40.0, force.max()))
+    assert found[1] == pytest.approx(found[0], rel=0.08)
 
 
 def test_losses_along_one_direction_are_refused_where_there_is_more_than_one() -> None:

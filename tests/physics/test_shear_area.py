@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from evanesce.contact.analytic.hertz import hertz_radius
 from evanesce.contact.analytic.jkr import jkr_radius
-from evanesce.contact.fem.library import TO_GROSS_SLIP, library_press, library_slide
+from evanesce.contact.fem.library import FAR_SLIDES, library_press, library_slide
 from evanesce.contact.sliding.shear_area import bulging_share, peeled_radius, peeling_share
 from evanesce.contact.solve import contact_sequence
 from evanesce.core.states import ContactState
@@ -53,9 +53,9 @@ def test_limits_of_peeling() -> None:
     assert small[1] == pytest.approx(4 * small[0], rel=0.05)  # by the square of the shear, as Sahli measured
 
 
-@pytest.mark.parametrize(("name", "bone"), list(TO_GROSS_SLIP))
+@pytest.mark.parametrize(("name", "bone"), list(FAR_SLIDES))
 def test_bulging_is_that_of_the_solved_slide(name: str, bone: str) -> None:
-    one, fit = library_slide(TO_GROSS_SLIP[name, bone][0]).scalars, material(name).mooney_rivlin
+    one, fit = library_slide(FAR_SLIDES[name, bone][0]).scalars, material(name).mooney_rivlin
     assert fit is not None
     share = bulging_share(library_press(name, bone).area(1.0), fit.shear_modulus_MPa, name, bone)
     away = [share(float(q)) - a / one["area"][0] for q, a in zip(one["tangential_force"], one["area"], strict=True)]
@@ -66,7 +66,7 @@ def test_bulging_is_that_of_the_solved_slide(name: str, bone: str) -> None:
 
 def test_a_solid_finger_of_soft_silicone_gains_area_before_it_loses_it() -> None:
     """As the thesis reports of Silskin 20 %, which slid by 15 mm without gross slip (section 6.4.3)."""
-    one, fit = library_slide(TO_GROSS_SLIP["silskin_20", "none"][0]).scalars, material("silskin_20").mooney_rivlin
+    one, fit = library_slide(FAR_SLIDES["silskin_20", "none"][0]).scalars, material("silskin_20").mooney_rivlin
     assert fit is not None
     share = bulging_share(library_press("silskin_20").area(1.0), fit.shear_modulus_MPa, "silskin_20", "none")
     gained = [share(q) for q in np.linspace(0.0, 0.2, 21)]

@@ -73,9 +73,10 @@ class PlanarSlide:
         ratio, ridges = slide.ridge_friction_ratio or 1.0, finger.ridges
         turned = math.radians(ridges.orientation_deg) if ridges is not None else 0.0
         largest = max(contact.contact_radius for contact in contacts)
+        # a finger that leaps overshoots: twice the share of strength that is lost is gone of the force
         solver = PlanarSolver(
             largest, shear_modulus, poisson, friction, drive_stiffness=drive_stiffness,
-            drop=slide.stick_slip_drop or 0.0, ridges=(ratio, turned),
+            drop=2.0 * (slide.stick_slip_drop or 0.0), ridges=(ratio, turned),
         )  # fmt: skip
         self._cells = solver.grid
         path, pressed, last = _path(programme, slide, contacts, largest)

@@ -39,7 +39,8 @@ MEANINGS = {
     "stick_ratio": "share of the contact that sticks; 1 where the finger is lifted (Fz_N = 0): nothing slips",
     "rotation_deg": "of the finger about its normal since it was put down, from x towards y",
     "friction_coefficient": "static, in the direction of the force and at the drive's speed",
-    "margin": "|Ft| / (mu Fn), mu the friction coefficient, or the same of the torque; 0 where the finger is lifted",
+    "margin": "|Ft| / (mu Fn), mu the friction coefficient, and the same of the torque, by their ellipse: gross slip"
+    " is 1 to 1.06; 0 where the finger is lifted",
 }
 """Meanings of numbers beyond their names."""
 

@@ -1,7 +1,7 @@
 """Compute the ground truth of every frame of a trial from its plan: contact states, slip velocities and scalars.
 
-The physics is that of :mod:`evanesce.contact`: the scene's contact law, partial slip with its history, ridges carried
-by the skin, torsion. A frame's state is computed on demand.
+The physics is that of :mod:`evanesce.contact`: Hertz's contact of the trial's finger, partial slip with its history,
+ridges carried by the skin, torsion. A frame's state is computed on demand.
 """
 
 from __future__ import annotations
@@ -352,7 +352,7 @@ class Trial:
             "Fy_N": float(fy),
             "Fz_N": float(contact.normal_force),
             "friction_coefficient": limit / contact.normal_force,
-            "margin": max(math.hypot(fx, fy) / limit, self._torque_margin(i)),
+            "margin": math.hypot(math.hypot(fx, fy) / limit, self._torque_margin(i)),
             **self._turned(i),
         }
 

@@ -31,7 +31,7 @@ SLIDES = FOLDER / "slides"
 BONES = {"none": 0.0, "half": 3.75}
 """Bone radius [mm] by name: none, or half the tip radius."""
 
-TO_GROSS_SLIP = {
+FAR_SLIDES = {
     ("silskin_0", "none"): ("silskin_0_none_mu113", 1.13, 1.1),
     ("silskin_0", "half"): ("silskin_0_half_mu113", 1.13, 0.8),
     ("silskin_20", "none"): ("silskin_20_none_mu175", 1.75, 1.1),

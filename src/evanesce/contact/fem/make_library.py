@@ -10,9 +10,9 @@ from pathlib import Path
 
 from evanesce.contact.fem.library import (
     BONES,
+    FAR_SLIDES,
     FOLDER,
     SLIDES,
-    TO_GROSS_SLIP,
     save_library_press,
     save_library_slide,
 )
@@ -27,7 +27,7 @@ from evanesce.materials.tables import material as silicone
 FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SIZE = MeshSize(contact=0.06, fine_extent=5.8)
 FAR_SIZE = MeshSize(contact=1.1, growth=1.5, coarsest=4.0)
-"""Of slides to gross slip, unless a finer one is named; beside 0.8 mm their area at the end is 3 % less."""
+"""Of slides by 20 mm, unless a finer one is named; beside 0.8 mm their area at the end is 3 % less."""
 MATERIALS = ("silskin_0", "silskin_20")
 
 
@@ -62,7 +62,7 @@ def library_slide_run() -> SolvedRun:
     return slide(shape, chosen, force=1.0, distances=(10.0,), friction=0.67, size=size, cache=cache_folder())
 
 
-def slide_to_gross_slip(material: str, bone: str) -> SolvedRun:
+def far_slide(material: str, bone: str) -> SolvedRun:
     """Solve a slide at 1 N held and the largest friction of the thesis's slides, by 20 mm or as far as it goes.
 
     The material is carried on beyond where its fit loses stability.
@@ -70,13 +70,13 @@ def slide_to_gross_slip(material: str, bone: str) -> SolvedRun:
     Parameters
     ----------
     material, bone : str
-        Key of ``TO_GROSS_SLIP``.
+        Key of ``FAR_SLIDES``.
 
     Returns
     -------
     SolvedRun
     """
-    _, friction, contact = TO_GROSS_SLIP[material, bone]
+    _, friction, contact = FAR_SLIDES[material, bone]
     size = FAR_SIZE if contact == FAR_SIZE.contact else MeshSize(contact, growth=1.4, coarsest=4.0)
     try:
         return slide(
@@ -110,8 +110,8 @@ def main(folder: Path = FOLDER) -> None:
                     flush=True,
                 )
     save_library_slide(folder / SLIDES.name / "silskin_0_mu067.npz", library_slide_run())
-    for (material, bone), (name, _, _) in TO_GROSS_SLIP.items():
-        save_library_slide(folder / SLIDES.name / f"{name}.npz", slide_to_gross_slip(material, bone))
+    for (material, bone), (name, _, _) in FAR_SLIDES.items():
+        save_library_slide(folder / SLIDES.name / f"{name}.npz", far_slide(material, bone))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.contact.analytic.hertz import hertz_radius
-from evanesce.contact.fem.library import TO_GROSS_SLIP, library_press, library_slide
+from evanesce.contact.fem.library import FAR_SLIDES, library_press, library_slide
 from evanesce.materials import tables
 
 Floats = NDArray[np.float64]
@@ -82,7 +82,7 @@ def peeling_share(force: float, radius: float, modulus: float, tangential: float
 def _solved(material: str, bone: str) -> tuple[Floats, Floats]:
     """Return the mean shear strain of a solved slide [1], ascending, and the share of area left."""
     found, fit = (
-        library_slide(TO_GROSS_SLIP[_nearest(material), bone][0]),
+        library_slide(FAR_SLIDES[_nearest(material), bone][0]),
         tables.material(_nearest(material)).mooney_rivlin,
     )
     assert fit is not None  # of both materials
@@ -99,7 +99,7 @@ def _solved(material: str, bone: str) -> tuple[Floats, Floats]:
 
 def _nearest(material: str) -> str:
     """Return the solved material that stands for one: Silskin 0 % for what has no slide of its own."""
-    return material if (material, "none") in TO_GROSS_SLIP else "silskin_0"
+    return material if (material, "none") in FAR_SLIDES else "silskin_0"
 
 
 def solved_strain(material: str, bone: str) -> float:

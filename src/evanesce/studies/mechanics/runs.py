@@ -128,7 +128,7 @@ SLIDES = (
     *(SlideCase(0.67, bone, "depth", "check") for bone in BONES),
     SlideCase(0.82, "none", "force", "check"),
 )
-TO_GROSS_SLIP = tuple(SlideCase(1.13, bone, "depth", "far") for bone in BONES)
+AT_DEPTH = tuple(SlideCase(1.13, bone, "depth", "far") for bone in BONES)
 SIZES = tuple(SlideCase(0.82, bone, "force", shape=shape) for shape in ("short", "stout") for bone in BONES)
 TILTED = tuple(
     SlideCase(mu, bone, "force", "tilt", name, tilt_deg=tilt)
@@ -215,7 +215,7 @@ def _jobs(folder: Path) -> Iterator[tuple[str, Callable[[], None]]]:
                     save_library_press(path, _press(*what))
 
                 yield name, solve_press
-    for case in (*SLIDES, *TO_GROSS_SLIP, *SIZES, *TILTED):
+    for case in (*SLIDES, *AT_DEPTH, *SIZES, *TILTED):
         yield case.name, partial(_save_slide, folder / f"{case.name}.npz", case)
 
 

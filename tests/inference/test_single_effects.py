@@ -11,6 +11,7 @@ from scipy import stats
 from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
+from evanesce.inference.gate import Gate, Patch, _contact_lines
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
 from evanesce.inference.posterior import Posterior
@@ -170,7 +171,19 @@ def test_the_first_line_says_what_makes_it_doubtful():
     told = first_line("unknown", [], 0.0, structure, None, "", [note])
     assert told.startswith(f"CAUTION: {note}. There is something")
     assert "CAUTION" not in first_line("unknown", [], 0.0, structure, None, "")
-    assert "CAUTION" not in first_line("none", [], 0.0, structure, None, "", [note])
+    assert first_line("none", [], 0.0, structure, None, "", [note]).startswith(f"CAUTION: {note}. The data are")
+
+
+def test_a_contact_of_far_other_light_is_told_and_not_refused():
+    """As behind glass that absorbs eight times as much: a setting or a cause, no other rig."""
+    seen, believed = Patch(10.0, 1.01, (0.1, -0.2), 28.0), Patch(10.2, 1.0, (0.0, 0.0), 214.0)
+    lines, moved, light = _contact_lines([(seen, believed)])
+    gate = Gate(tuple(lines), moved, light)
+    assert not gate.gross
+    assert "0.13 of the scene's" in gate.note
+    assert not Gate((), {}, 0.5).note
+    lines, _, _ = _contact_lines([(Patch(20.0, 1.0, (0.0, 0.0), 200.0), believed)])
+    assert Gate(tuple(lines), {}).gross
 
 
 def test_a_fit_stands_above_drawn_forms():

@@ -298,9 +298,9 @@ def first_line(
         What makes it doubtful.
     """
     told = left.sentence() if left.found else fields
-    if verdict == "none":
-        return "The data are what the scene predicts, as far as their scatter lets anything be seen."
     warning = "".join(f"CAUTION: {note}. " for note in notes)
+    if verdict == "none":
+        return f"{warning}The data are what the scene predicts, as far as their scatter lets anything be seen."
     if not named:
         return f"{warning}There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
     if gain is not None and gain.worse:

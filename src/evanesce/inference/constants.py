@@ -41,7 +41,7 @@
                                oval load at 5 N are 0.3, one is 0.1
 ``GROSS_FIELD``        0.05    relative error of the field of view beyond which it is another camera, lens or distance;
                                calibration targets are printed to one per cent
-``GROSS_LEVEL``        4.0     ratio of measured to predicted level: two stops of exposure
+``ODD_LEVEL``          4.0     ratio of measured to predicted level that the first line names: two stops of exposure
 =====================  ======  ========================================================================================
 """
 
@@ -73,4 +73,4 @@ UNKNOWN_WAVES = 12
 GROSS_AREA = 1.35
 GROSS_AXES = 1.2
 GROSS_FIELD = 0.05
-GROSS_LEVEL = 4.0
+ODD_LEVEL = 4.0

@@ -45,7 +45,7 @@ Tell = Callable[[str], None]
 FURTHER = "a further cause"
 SILENT = 0.2
 """Share of the noise's amplitude, outliving a codec, below which false alarms were seen (docs/criticism/index.md)."""
-SILENT_WORDS = "what it made of the frames is badly known, and causes may be false; record with less compression"
+SILENT_WORDS = "what it made of frames is badly known; causes may be false or missed; record with less compression"
 QUIETER = 0.05
 """Share by which a codec's noise has to shrink about the extended rig for causes to be sought once more: a cause that
 was hidden by less would have been found."""
@@ -164,7 +164,7 @@ class Start:
     def notes(self) -> tuple[str, ...]:
         """To be read before probabilities are believed."""
         told = f"{self.codec} or so left {100 * self.kept:.0f} % of the camera's noise: {SILENT_WORDS}"
-        return (told,) if self.kept < SILENT else ()
+        return tuple(note for note in (self.gate.note, told if self.kept < SILENT else "") if note)
 
     def with_noise(self, variance: float, rows: Array) -> Start:
         """Return the nominal fit where all noise has another variance, and some rows more are noise.

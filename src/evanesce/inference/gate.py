@@ -16,7 +16,7 @@ from scipy import ndimage
 
 from evanesce.core.errors import EvanesceError
 from evanesce.inference.card_start import board_inverted, card_start
-from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, GROSS_LEVEL
+from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, ODD_LEVEL
 from evanesce.measurement.calibration.corners import find_corners
 from evanesce.optics.projection import Projection
 from evanesce.prediction.observe import Observation
@@ -97,11 +97,20 @@ class Gate:
 
     lines: tuple[Line, ...]
     start: dict[str, float]
+    light: float = 1.0
+    """Of the contact, measured over predicted [1]."""
 
     @property
     def gross(self) -> tuple[Line, ...]:
         """What is grossly different."""
         return tuple(line for line in self.lines if line.gross)
+
+    @property
+    def note(self) -> str:
+        """What is odd without being another rig: the light of the contact; empty for little."""
+        if not _beyond(self.light, ODD_LEVEL):
+            return ""
+        return f"the contact's level is {self.light:.2g} of the scene's: look at exposure, gain and voltage first"
 
     def sentence(self) -> str:
         """Return one line that names what is grossly different; empty if nothing is."""
@@ -173,7 +182,7 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
         if measured is not None and predicted is not None:
             pairs.append((measured, predicted))
             numbers.append(k)
-    lines, start = _contact_lines(pairs)
+    lines, start, light = _contact_lines(pairs)
     lines += _missing_contact(observation, plate, coarse)
     lines += _board_lines(observation, coarse)
     if board_inverted(observation):
@@ -185,7 +194,9 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
         for axis in "xy"
         if axis in start
     }
-    return Gate(tuple(lines), poses | card_start(observation, coarse))
+    # far from the believed light, the fit starts at what is seen
+    bright = {"@light": float(np.log(light))} if _beyond(light, ODD_LEVEL) else {}
+    return Gate(tuple(lines), poses | bright | card_start(observation, coarse), light)
 
 
 def _press_views(views: Sequence[View]) -> list[int]:
@@ -227,9 +238,10 @@ class PlateReader:
         return Patch(float(weight.sum()), float(np.sqrt(large / small)), (float(mx), float(my)), float(bright))
 
 
-def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], dict[str, float]]:
+def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], dict[str, float], float]:
+    """Return lines, where the finger really is, and its light over the predicted one."""
     if not pairs:
-        return [], {}
+        return [], {}, 1.0
 
     def both(of: Any) -> tuple[float, float]:
         """Return a figure of the largest force, measured and predicted."""
@@ -245,11 +257,11 @@ def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], di
             "level of the contact",
             "DN",
             *both(lambda q: q.level_DN),
-            gross=_beyond(level, GROSS_LEVEL),
+            gross=False,
         ),
     ]
     moved = {axis: float(np.median([m.centre_mm[i] - p.centre_mm[i] for m, p in pairs])) for i, axis in enumerate("xy")}
-    return lines, moved
+    return lines, moved, level
 
 
 def _beyond(ratio: float, limit: float) -> bool:

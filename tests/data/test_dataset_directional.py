@@ -98,6 +98,39 @@ def test_friction_of_a_slide_is_a_power_of_its_speed():
     assert series(slow, "margin")[gross(slow)] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_friction_is_that_of_the_drives_speed_where_it_turns_back_within_a_frame(turned):
+    """The way over such a frame is short, the drive is not slow."""
+    ratio = 0.999 if turned else 1.0  # the same by springs along a line, and in the plane
+    found = trial(exponent=1.0, reversals=20.0, speed_mm_per_s=3.0, distance_mm=0.3, ratio=ratio)
+    assert isinstance(found, PlanarTrial) is turned
+    force = series(found, "Fx_N") * 1.0
+    moving = int(np.argmax(series(found, "drive_mm") > 0.0))
+    mu = series(found, "friction_coefficient")[moving + 1 : -1]
+    np.testing.assert_allclose(mu, mu[0], rtol=2e-3)
+    # it unloads as contact and shaft in series let it
+    contact = found._pressed(moving)
+    shear = (2.0 * 4.0 / 3.0) * 0.25 * found._modulus * contact.contact_radius * 2.0
+    stiffest = 1.2 / (1.0 / shear + 1.0 / found._shaft)
+    gross = series(found, "stick_ratio") == 0.0
+    assert gross.sum() >= 3
+    assert np.abs(np.diff(force))[moving:].max() < stiffest * 3.0 / 30.0
+
+
+def test_friction_of_a_finger_that_turns_in_place_has_no_direction():
+    found = trial("spin", ratio=0.6)
+    mu = series(found, "friction_coefficient")[12:]
+    around = np.linspace(0.0, 2.0 * math.pi, 10_000, endpoint=False)
+    mean = np.hypot(0.6 * np.cos(around), np.sin(around)).mean()
+    np.testing.assert_allclose(mu, mean * found.plan.friction.friction_coefficient, rtol=1e-3)
+
+
+def test_what_does_not_act_is_not_told():
+    plan = trial("wiggle", exponent=0.2).plan
+    assert plan.friction.speed_exponent == 0.0
+    assert trial("slide", exponent=0.2).plan.friction.speed_exponent == 0.2
+
+
 def test_a_change_of_speed_in_gross_slip_changes_the_force():
     motion = {"speed_change": 1.0, "speed_factor": {"constant": 3.0}}
     config = config_of(exponent=0.2, motion=motion, speed_mm_per_s=1.0, distance_mm=3.0)

@@ -158,6 +158,28 @@ def test_stick_slip_of_a_slide_hardly_pulled_aside_is_that_along_its_line() -> N
     assert found[1] == pytest.approx(found[0], rel=0.08)
 
 
+def test_a_spin_takes_friction_off_a_slide_whose_friction_follows_speed() -> None:
+    """By a power law of each cell's speed: what a sum over the contact by NumPy gives."""
+    own = {"law": "hertz", "reduced_modulus_MPa": 8.0}
+    held = {"contact": own, "press__forces_N": [1.0], "slide__speed_exponent": 0.3, "slide__speed_mm_per_s": 2.0}
+    held |= {"slide__distance_mm": 4.0, "slide__friction_coefficient": 0.67, "grid__samples": 400}
+    plain, spun = (slide_forces(sliding(**held, slide__spin_deg_per_s=s))[-1] for s in (0.01, 400.0))
+    a = hertz_contact(1.0, 7.5, 8.0).contact_radius
+    x = (np.arange(801) - 400) / 400 * a
+    x, y = x[None, :], x[:, None]
+    pressure = np.sqrt(np.clip(1 - (x**2 + y**2) / a**2, 0, None))
+    velocity = 2.0 - np.radians(400.0) * y + 0 * x, np.radians(400.0) * x + 0 * y
+    size = np.hypot(*velocity)
+    expected = 0.67 * (pressure * velocity[0] * size ** (0.3 - 1.0)).sum() / pressure.sum()
+    assert np.hypot(*plain.tangential_force) == pytest.approx(0.67 * 2.0**0.3, rel=0.01)
+    assert np.hypot(*spun.tangential_force) == pytest.approx(expected, rel=0.03)
+
+
+def test_a_spinning_slide_that_leaves_the_grid_is_refused_at_its_first_frame() -> None:
+    with pytest.raises(InputError, match=r"grid\.size_mm"):
+        contact_sequence(sliding(slide__spin_deg_per_s=90.0, slide__distance_mm=20.0))[0]
+
+
 def test_losses_along_one_direction_are_refused_where_there_is_more_than_one() -> None:
     with pytest.raises(InputError, match="area_loss_mm2_per_N2"):
         sliding(slide__spin_deg_per_s=90.0, slide__area_loss_mm2_per_N2=2.0)

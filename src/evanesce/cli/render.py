@@ -216,6 +216,8 @@ def _row(shot: Shot, force_N: float) -> dict[str, Any]:
         name: shot.contact.parameters[key]
         for name, key in (
             ("tip_displacement_mm", "tip_displacement_mm"),
+            ("tip_aside_mm", "tip_aside_mm"),
+            ("rotation_deg", "rotation_deg"),
             ("torque_N_mm", "torque_N_mm"),
             ("liquid_left_uL", "liquid_left_uL"),
         )

@@ -100,7 +100,10 @@ def slide_warnings(scene: Scene) -> tuple[str, ...]:
         return ()
     adheres = _work_of_adhesion(scene) > 0.0
     if in_plane(slide) and (isinstance(law, FemLaw) or adheres):
-        return ("area stays under shear: the contact of a slide that spins or is pulled aside is round",)
+        return (
+            "area stays under shear, and friction that is in proportion to it: the contact of a slide that spins or is"
+            " pulled aside is round",
+        )
     if isinstance(law, FemLaw):
         fit, most = silicone_of(scene.finger).mooney_rivlin, solved_strain(scene.finger.material, law.bone)
         assert fit is not None  # law fem has one

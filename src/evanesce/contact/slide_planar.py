@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.contact.patch import AxisymmetricContact
+from evanesce.contact.patch import AxisymmetricContact, require_fit
 from evanesce.contact.sliding.planar import PlanarFrame, PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import PlanarState, planar_state
 from evanesce.contact.sliding.programme import SlideProgramme
@@ -82,6 +82,8 @@ class PlanarSlide:
         path, pressed, last = _path(programme, slide, contacts, largest)
         marched = solver.march(pressed, path)
         self._frames: list[PlanarFrame] = [marched[k] for k in last]
+        for frame in self._frames:
+            require_fit(grid, self._middle(frame), frame.contact.contact_radius)
         self._made = lru_cache(maxsize=2)(self._make)
 
     def __len__(self) -> int:
@@ -100,14 +102,18 @@ class PlanarSlide:
         x, y = self._made(index).skin
         return x, y
 
+    def _middle(self, frame: PlanarFrame) -> tuple[float, float]:
+        (x, y), tip = self._view.centre, frame.tip
+        return (x + tip[0], y + tip[1]) if self._view.follows else (x, y)
+
     def _make(self, index: int) -> PlanarState:
         frame, view = self._frames[index], self._view
-        origin = view.centre if view.follows else tuple(np.subtract(view.centre, frame.tip).tolist())
+        middle = self._middle(frame)
+        origin = (middle[0] - frame.tip[0], middle[1] - frame.tip[1])
         found = planar_state(frame, self._cells, self._grid, origin, self._friction, near_gap=view.near_gap)
         cos, sin = math.cos(view.direction), math.sin(view.direction)
         (x, y), state = frame.tip, found.state
         assert state.traction is not None
-        middle = np.add(origin, frame.tip)
         away_x, away_y = self._grid.x[None, :] - middle[0], self._grid.y[:, None] - middle[1]
         torque = (away_x * state.traction[1] - away_y * state.traction[0]).sum() * self._grid.pitch**2
         stick = float((frame.stick > 0.0).sum() / max((frame.stick != -1.0).sum(), 1))
@@ -136,4 +142,5 @@ def _path(
     at = np.array(moments)
     along = np.interp(at, time, drive)
     turned = spin * np.maximum(at - start, 0.0)
-    return PlanarPath(at, along * math.cos(angle), along * math.sin(angle), turned), pressed, last
+    path = PlanarPath(at, along * math.cos(angle), along * math.sin(angle), turned, programme.speeds(at))
+    return path, pressed, last

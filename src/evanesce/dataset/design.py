@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,9 @@ bounds of its log-uniform distribution [s]."""
 
 ITS_TRIALS_MOTION = ("rolling_skew",)
 """Effects of motion: that of each trial, so that none of their own is drawn."""
+
+SPEED_KINDS = ("slide", "regrasp")
+"""Kinds whose friction follows the speed: what goes to and fro within its strength, or turns in place, has none."""
 
 LATER_FRICTION = ("ridge_friction_ratio", "speed_exponent")
 """Drawn from streams of their own, so that they leave all other draws as they are."""
@@ -285,17 +288,25 @@ def trial_plan(config: DatasetConfig, seed: int, index: int) -> TrialPlan:
     programme = {
         key: float(getattr(config.programme, key).at(float(q))) for key, q in zip(PROGRAMME_KEYS, u[3:], strict=True)
     }
+    drawn = finger_plan(config, seed, finger)
     return TrialPlan(
         index=index,
         kind=kind,
         split=SPLITS[split],
-        finger=finger_plan(config, seed, finger),
-        friction=friction_plan(config, seed, friction),
+        finger=drawn,
+        friction=_acting(friction_plan(config, seed, friction), kind, drawn.pattern),
         rig=rig_plan(config, seed, rig),
         programme=programme,
         motion=trial_motion(config, seed, index, kind),
         liquid=trial_liquid(config, seed, index),
     )
+
+
+def _acting(friction: FrictionPlan, kind: str, pattern: str) -> FrictionPlan:
+    """Return an interface without what does not act: ridges' direction without parallel ones, speed but in slides."""
+    ratio = friction.ridge_friction_ratio if pattern == "parallel" else 1.0
+    exponent = friction.speed_exponent if kind in SPEED_KINDS else 0.0
+    return replace(friction, ridge_friction_ratio=ratio, speed_exponent=exponent)
 
 
 _FIGURES = dict(zip(MOTIONS, MOTION_KEYS, strict=False)) | {"spin": "spin_deg"}

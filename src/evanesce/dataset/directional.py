@@ -20,10 +20,8 @@ def ridge_friction(plan: TrialPlan) -> tuple[float, float]:
     Returns
     -------
     ratio, angle : float
-        1 for a finger without parallel ridges.
     """
-    ratio = plan.friction.ridge_friction_ratio if plan.finger.pattern == "parallel" else 1.0
-    return ratio, math.radians(plan.finger.ridge_orientation_deg)
+    return plan.friction.ridge_friction_ratio, math.radians(plan.finger.ridge_orientation_deg)
 
 
 def drive_factor(plan: TrialPlan) -> float:

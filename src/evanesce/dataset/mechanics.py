@@ -16,8 +16,6 @@ from evanesce.dataset.directional import drive_factor, twist_factor
 from evanesce.dataset.programme import slide_speed
 from evanesce.materials.friction import InterfaceFriction
 
-SPEED_KINDS = ("slide", "regrasp")
-"""Kinds whose friction follows the speed: what goes to and fro within its strength, or turns in place, has none."""
 SPEED_STEPS = 8
 """Steps to the speed at which friction and the way to gross slip agree: each leaves a share of ``speed_exponent``."""
 
@@ -34,7 +32,7 @@ def interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFrictio
         alpha=(1.0 - f.adhesive_share) * f.friction_coefficient,
         dynamic_ratio=f.dynamic_ratio,
         weakening_distance=f.weakening_distance_mm,
-        speed_exponent=f.speed_exponent if plan.kind in SPEED_KINDS else 0.0,
+        speed_exponent=f.speed_exponent,
     )
     return scaled(across, twist_factor(plan)) if plan.kind == "rotation" else across
 

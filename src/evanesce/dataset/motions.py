@@ -10,7 +10,7 @@ import numpy as np
 from evanesce.dataset.config import AWAY, LIFT, Trial
 from evanesce.dataset.design import TrialPlan
 from evanesce.dataset.directional import ridge_friction
-from evanesce.dataset.programme import Floats, Sampled, sample_programme, slide_speed
+from evanesce.dataset.programme import Floats, Sampled, moves, sample_programme, slide_speed
 
 FIRST_LEG_BY = 0.55
 """Share of a slide's time within which a finger that changes direction does so."""
@@ -128,12 +128,12 @@ def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: 
     if plan.kind == "spin":
         share = np.clip((time - rest) / (TURNED_BY * (end - rest)), 0.0, 1.0)
         turned = math.radians(m["spin_deg"]) * share
-        return PlanarSampled(time, np.interp(time, knots, loads), zero, zero, placement, zero, zero, turned)
+        return PlanarSampled(time, np.interp(time, knots, loads), zero, zero, placement, zero, zero, zero, turned)
     if plan.kind == "wiggle":
         line = sample_programme(plan, trial, stiffness, reach_mm, limit_N)
         angle = math.radians(p["direction_deg"])
         x, y = math.cos(angle) * line.drive, math.sin(angle) * line.drive
-        return PlanarSampled(time, line.force, line.drive, zero, placement, x, y, zero)
+        return PlanarSampled(time, line.force, line.drive, zero, placement, line.speed, x, y, zero)
     cycle = cycle_of(plan, limit_N, stiffness)
     path = path_of(plan, reach_mm, cycle)
     speed = _speed(plan, trial, path, reach_mm, cycle, end - rest)
@@ -151,18 +151,21 @@ def planar_programme(plan: TrialPlan, trial: Trial, reach_mm: float, stiffness: 
             placement == 1, np.maximum(time - again - press, 0.0), np.clip(time - rest, 0.0, lift - rest)
         )
         way = np.minimum(way, path.length)
+        # the second slide begins anew from no way at all
+        fast = np.where(moves(way) | moves(np.where(placement == 1, way, 0.0)), speed, 0.0)
     else:
         # in gross slip on the first leg, if that comes sooner
         middle = min(middle, rest + 0.5 * (reach_mm + path.legs[0]) / speed)
         slow, rest_of_it = np.clip(time - rest, 0.0, middle - rest), np.maximum(time - middle, 0.0)
         way = speed * (slow + m.get("speed_factor", 1.0) * rest_of_it)
         way = np.minimum(way, (1 + round(p["reversals"])) * path.length)
+        fast = np.where(moves(way), np.where(time > middle, m.get("speed_factor", 1.0) * speed, speed), 0.0)
     if "force_factor" in m:
         knots, loads = [*knots, middle, middle + press], [*loads, load, m["force_factor"] * load]
     along = path.length - np.abs(path.length - way % (2.0 * path.length))
     x, y = path.at(along)
     turned = math.radians(m.get("torsion_deg", 0.0)) * along / path.length
-    return PlanarSampled(time, np.interp(time, knots, loads), along, zero, placement, x, y, turned)
+    return PlanarSampled(time, np.interp(time, knots, loads), along, zero, placement, fast, x, y, turned)
 
 
 def _speed(plan: TrialPlan, trial: Trial, path: Path, reach_mm: float, cycle_mm: float, left_s: float) -> float:

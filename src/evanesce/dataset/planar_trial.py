@@ -21,6 +21,9 @@ from evanesce.dataset.numbers import measured, slip_labelled
 from evanesce.dataset.trial import LIFTED_N, Floats, Trial
 from evanesce.rig import Scene
 
+LEAST_SHARE = 1e-3
+"""Of the strength: a smaller force has no direction."""
+
 
 class PlanarTrial(Trial):
     """As :class:`~evanesce.dataset.trial.Trial`, from the tractions of a half-space in both directions.
@@ -42,7 +45,7 @@ class PlanarTrial(Trial):
             drive_stiffness=self._shaft, drop=self.plan.motion.get("stick_slip_drop", 0.0),
             ridges=ridge_friction(self.plan),
         )  # fmt: skip
-        self._frames = self._solver.march(contacts, PlanarPath(s.time, s.x, s.y, s.rotation))
+        self._frames = self._solver.march(contacts, PlanarPath(s.time, s.x, s.y, s.rotation, s.speed))
         self._origins = [self._about(k) for k in range(int(s.placement.max()) + 1)]
         self._kept: tuple[int, PlanarState] | None = None
 
@@ -87,9 +90,11 @@ class PlanarTrial(Trial):
 
     def _strength(self, i: int, fx: float, fy: float) -> float:
         frame, (ratio, angle) = self._frames[i], ridge_friction(self.plan)
-        ellipse = FrictionEllipse(ratio, angle + frame.rotation)
-        along = float(ellipse.strength(np.array([[fx], [fy]]))[0])
-        return self._limit(self._pressed(i)) * frame.speed_factor * along
+        ellipse, most = FrictionEllipse(ratio, angle + frame.rotation), self._limit(self._pressed(i))
+        along = twist_factor(self.plan)  # of a finger that turns in place
+        if math.hypot(fx, fy) > LEAST_SHARE * most:
+            along = float(ellipse.strength(np.array([[fx], [fy]]))[0])
+        return most * frame.speed_factor * along
 
     def _torque_margin(self, i: int) -> float:
         contact, (x, y) = self._pressed(i), self.centre(i)

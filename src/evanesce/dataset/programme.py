@@ -30,6 +30,8 @@ class Sampled:
         Torque over that of full sliding, 0 to below 1.
     placement : ndarray of int (n,)
         0 at the first position, 1 after the finger was lifted and placed at another one.
+    speed : ndarray (n,)
+        Of the drive while it moves in the time since the frame before [mm/s].
     """
 
     time: Floats
@@ -37,6 +39,7 @@ class Sampled:
     drive: Floats
     twist_share: Floats
     placement: NDArray[np.int64]
+    speed: Floats
 
 
 GROSS_SLIP_BY = 0.6
@@ -65,17 +68,20 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: 
     rest = press + hold
     force = np.interp(time, [0.0, press], [preload, load])
     drive, twist, placement = np.zeros_like(time), np.zeros_like(time), np.zeros(time.shape, np.int64)
+    speed = np.zeros_like(time)
     end = max(float(time[-1]), rest + 1.0 / trial.frame_rate_hz)
     match plan.kind:
         case "slide":
             stroke = reach_mm + p["distance_mm"]
-            way = np.maximum(time - rest, 0.0) * slide_speed(plan, trial, reach_mm)
-            way = np.minimum(way, (1 + round(p["reversals"])) * stroke)
+            fast = slide_speed(plan, trial, reach_mm)
+            way = np.minimum(np.maximum(time - rest, 0.0) * fast, (1 + round(p["reversals"])) * stroke)
+            speed = np.where(moves(way), fast, 0.0)
             drive = stroke - np.abs(stroke - way % (2.0 * stroke))
         case "wiggle":
             amplitude = p["wiggle_share"] * limit_N / stiffness
             phase = 2.0 * math.pi * p["wiggle_frequency_hz"] * np.maximum(time - rest, 0.0)
             drive = amplitude * np.sin(phase)
+            speed = np.append(0.0, np.abs(np.diff(drive)) * trial.frame_rate_hz)
         case "rotation":
             twist = p["rotation_share"] * np.clip((time - rest) / max(end - rest, 1e-9), 0.0, 1.0)
         case "ramp":
@@ -92,7 +98,12 @@ def sample_programme(plan: TrialPlan, trial: Trial, stiffness: float, reach_mm: 
                 time, [0.0, press, rest, lift, again, again + press], [preload, load, load, 0.0, 0.0, second]
             )
             placement = (time >= lift).astype(np.int64)
-    return Sampled(time, force, drive, twist, placement)
+    return Sampled(time, force, drive, twist, placement, speed)
+
+
+def moves(way: Floats) -> NDArray[np.bool_]:
+    """Return in which frames a drive has moved since the one before, by its way so far, turns included (n,)."""
+    return np.append(False, np.diff(way) > 0.0)
 
 
 def slide_speed(plan: TrialPlan, trial: Trial, reach_mm: float) -> float:

@@ -221,7 +221,7 @@ class Trial:
         loss = area_loss_for(area, self._limit(held), plan.friction.area_left) if plan.friction.area_left < 1.0 else 0.0
         slide = march(
             contacts, s.time, s.drive, self._friction, shear, drive_stiffness=self._shaft, area_loss=loss,
-            springs=SPRINGS,
+            speeds=s.speed, springs=SPRINGS,
         )  # fmt: skip
         rates = [np.zeros_like(slide.frames[0].spring_slip)]
         for before, now in zip(slide.frames[:-1], slide.frames[1:], strict=True):

@@ -38,6 +38,8 @@ MARGIN = 5
 TOLERANCE = 1e-2
 """Largest displacement left to a sticking cell, over the step's."""
 MAX_ITERATIONS = 400
+LEAST_SPEED = 1e-3
+"""At which a power law of speed ends [mm/s]: the centre of a spin has none."""
 ALL_SLIPS = 0.01
 """Sticking share of the cells below which a contact slides: the middle cell is the last to slip."""
 
@@ -54,12 +56,16 @@ class PlanarPath:
         Displacement of the drive [mm].
     rotation : ndarray (n,)
         Of the finger about its normal, from x towards y [rad].
+    speed : ndarray (n,), optional
+        Of the drive while it moves in the time up to each [mm/s]; by default its way over that time, which is less
+        where it turns in between.
     """
 
     time: Floats
     x: Floats
     y: Floats
     rotation: Floats
+    speed: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class PlanarFrame:
     force : tuple of float
         Of the finger on the glass (x, y) [N].
     speed_factor : float
-        Strength at the drive's speed over that at the reference speed.
+        Mean strength at the finger's speed over that at the reference speed.
     """
 
     time: float
@@ -214,7 +220,7 @@ class PlanarSolver:
         zero = np.zeros((2, cells, cells))
         self._traction, self._target = zero, zero.copy()
         self._slip, self._path, self._weak = zero.copy(), np.zeros((cells, cells)), np.ones((cells, cells))
-        self._drive, self._rotation, self._speed = np.zeros(2), 0.0, 1.0
+        self._drive, self._rotation, self._speed = np.zeros(2), 0.0, np.ones_like(self._path)
 
     def _largest(self) -> float:
         """Return the largest eigenvalue of the compliance [mm/MPa], by power iteration."""
@@ -252,7 +258,8 @@ class PlanarSolver:
                 frames.append(self._frame(contacts[i], float(path.time[i]), nothing, np.ones_like(self._path)))
                 continue
             static = self._static(contacts[i])
-            slip, stick = self._step(static, at[:, i], float(path.rotation[i]), elapsed)
+            speed = None if path.speed is None else float(path.speed[i])
+            slip, stick = self._step(static, at[:, i], float(path.rotation[i]), elapsed, speed)
             frames.append(self._frame(contacts[i], float(path.time[i]), slip / elapsed, stick))
         return frames
 
@@ -270,7 +277,9 @@ class PlanarSolver:
         inside = self._radius < contact.contact_radius
         return np.asarray(np.where(inside, self._friction.tau0 + self._friction.alpha * pressure, 0.0))
 
-    def _step(self, static: Floats, drive: Floats, rotation: float, elapsed: float) -> tuple[Floats, Floats]:
+    def _step(
+        self, static: Floats, drive: Floats, rotation: float, elapsed: float, speed: float | None
+    ) -> tuple[Floats, Floats]:
         """Move the drive; return the slip in the plate's axes [mm] and what was left to the strength, over it."""
         turn = rotation - self._rotation
         # Traction is that at the step's end: along the motion in the finger's axes as they then are.
@@ -279,7 +288,7 @@ class PlanarSolver:
         pull = self._compliance * self._traction.sum(axis=(1, 2))
         rigid = move[:, None, None] + turn * np.stack([-self._y, self._x])
         goal = _turned(self._target, -turn) + rigid
-        self._weak = self._factor(move, turn, elapsed)
+        self._weak = self._factor(move, turn, elapsed, speed)
         strength = static * self._weak
         touching = strength > 0.0
         size = float(np.abs(rigid).max())
@@ -304,11 +313,14 @@ class PlanarSolver:
         self._slip = np.where(touching, self._slip + moved, 0.0)
         return moved, np.where(touching, left, -1.0)
 
-    def _factor(self, move: Floats, turn: float, elapsed: float) -> Floats:
-        """Return the strength over its static one."""
-        speed = (math.hypot(*move) + abs(turn) * 0.5 * float(self._inner.x[-1])) / elapsed
-        if speed > 0.0:  # a resting interface keeps the strength it was last probed at
-            self._speed = float(self._friction.speed_factor(speed))
+    def _factor(self, move: Floats, turn: float, elapsed: float, speed: float | None) -> Floats:
+        """Return the strength over its static one: each cell's by the speed of the rigid finger there."""
+        way = math.hypot(*move)
+        along = move * ((way / elapsed if speed is None else speed) / way) if way > 0.0 else np.zeros(2)
+        spin = turn / elapsed
+        local = np.hypot(along[0] - spin * self._y, along[1] + spin * self._x)
+        if local.max() > 0.0:  # a resting interface keeps the strength it was last probed at
+            self._speed = self._friction.speed_factor(np.maximum(local, LEAST_SPEED))
         return self._speed * (np.ones_like(self._path) if self._drop > 0.0 else self._friction.weakening(self._path))
 
     def _solve(self, strength: Floats, wanted: Floats, size: float) -> tuple[Floats, Floats]:
@@ -356,7 +368,7 @@ class PlanarSolver:
         return PlanarFrame(
             time, contact, (float(tip[0]), float(tip[1])), self._rotation, ratio=fields[0:2], velocity=fields[2:4],
             slip=fields[4:6], weakened=fields[6], stick=fields[7], skin=skin, force=(float(force[0]), float(force[1])),
-            speed_factor=self._speed,
+            speed_factor=float((static * self._speed).sum() / static.sum()) if static.any() else 1.0,
         )  # fmt: skip
 
     def _continued(self, radius: float, fields: Floats) -> Floats:

@@ -82,6 +82,24 @@ class SlideProgramme:
         drive = np.interp(time, [turn, turn + one_way, turn + 2 * one_way], [0.0, self.distance, back])
         return time, force, drive
 
+    def speeds(self, time: Floats) -> Floats:
+        """Return the drive's speed while it moves, in the time up to each of some times [mm/s].
+
+        Parameters
+        ----------
+        time : ndarray (n,)
+            [s], ascending.
+
+        Returns
+        -------
+        ndarray (n,)
+            0 where it rests all that time.
+        """
+        start = self.press_time + self.hold_time
+        end = start + self.distance / self.speed * (2 if self.reciprocate else 1)
+        before = np.append(time[0], time[:-1])
+        return np.where((time > start) & (before < end) & (time > before), self.speed, 0.0)
+
 
 def slide_states(
     grid: PlateGrid,
@@ -140,6 +158,7 @@ def slide_states(
         area_loss=area_loss,
         shares=shares,
         stick_slip_drop=stick_slip_drop,
+        speeds=programme.speeds(time),
     )
     return SlideStates(slide, grid, view, law=law, parameters=parameters)
 

@@ -203,6 +203,7 @@ def march(
     area_loss: ArrayLike = 0.0,
     shares: Sequence[Share] | None = None,
     stick_slip_drop: float = 0.0,
+    speeds: ArrayLike | None = None,
     springs: int = 1024,
     substeps: int = 4,
 ) -> Slide:
@@ -229,6 +230,9 @@ def march(
     stick_slip_drop : float
         Share of friction that is lost once the whole contact slips, below a half: the finger leaps until twice as much
         of the force is gone, and sticks again. Needs a drive that gives way.
+    speeds : array_like (n,), optional
+        Of the drive while it moves in the time up to each [mm/s]; by default its way since the time before over that
+        time, which is less where it turns back or comes to rest in between.
     springs, substeps : int
         Springs over the largest contact radius; displacement steps between two frames.
 
@@ -262,12 +266,12 @@ def march(
     row = _Springs(edges, np.zeros(springs), np.zeros(springs), np.zeros(springs), at_rest)
     shares = [_whole] * len(t) if shares is None else shares
     frames = [_rest_frame(contacts[0], float(t[0]), row)]
+    moving = np.append(0.0, np.abs(np.diff(drive)) / np.diff(t)) if speeds is None else np.asarray(speeds, dtype=float)
     force, factor, leaps = 0.0, 1.0, False
     for i in range(1, len(t)):
         dt = float(t[i] - t[i - 1]) / substeps
-        speed = abs(drive[i] - drive[i - 1]) / (t[i] - t[i - 1])
-        if speed > 0:  # a resting interface keeps the strength it was last probed at
-            factor = float(friction.speed_factor(speed))
+        if moving[i] > 0:  # a resting interface keeps the strength it was last probed at
+            factor = float(friction.speed_factor(float(moving[i])))
         if contacts[i] is contacts[i - 1]:  # a hold
             next_load, next_strength = load, strength
         else:

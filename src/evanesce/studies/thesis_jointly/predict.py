@@ -153,7 +153,11 @@ class Fingers:
         return np.log(law.tau0_MPa * np.exp(area) / force + law.alpha)
 
     def _tilt_friction(self, row: Row) -> Array:
-        return self.zero  # a sphere's contact does not know its tilt
+        """Return friction at 45 deg over that at 0, less 1, at 1 N: by the area of tau0 A/N + alpha."""
+        law = material(row.material).friction
+        assert law is not None  # both materials have one in the tables
+        upright = law.static_coefficient_smooth
+        return (1.0 - law.alpha / upright) * np.expm1(tables.tilted_area(row.material)(self.bone))
 
     @property
     def elements(self) -> tuple[Array, Array]:

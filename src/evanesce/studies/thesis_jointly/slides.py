@@ -12,20 +12,21 @@ from pathlib import Path
 
 import numpy as np
 
-from evanesce.contact.fem.material import rubber
+from evanesce.contact.fem.make_library import FAR_SIZE
+from evanesce.contact.fem.material import carried_on, rubber
 from evanesce.contact.fem.mesh import FingerShape
 from evanesce.contact.fem.programme import slide
 from evanesce.contact.fem.runs import cache_folder
 from evanesce.contact.fem.steps import LimitReached
-from evanesce.studies.mechanics.runs import FRICTIONS, SLIDE_SIZE, SlideCase, solved_slide
+from evanesce.studies.mechanics.runs import DISTANCE, FAR, FRICTIONS, SLIDE_SIZE, SlideCase, solved_slide
 from evanesce.studies.mechanics.study import overshoot
 
 FILE = Path(__file__).resolve().parent / "data" / "slides.csv"
 COLUMNS = ("bone_share", "friction", "change", "slide_mm")
 SHIPPED = {"none": 0.0, "half": 0.5}
-SOLVED = ((0.65, 0.67), (0.25, 0.67), (0.8, 0.67), (0.65, 1.13))
-DISTANCE = 10.0
-"""[mm]"""
+SOLVED = ((0.65, 0.67), (0.25, 0.67), (0.8, 0.67), (0.25, 1.13), (0.65, 1.13))
+FAR_FRICTION = max(FRICTIONS)
+"""At which slides need the coarser elements and the carried-on material of the far ones."""
 
 
 def solved(share: float, friction: float) -> tuple[float, float]:
@@ -42,10 +43,12 @@ def solved(share: float, friction: float) -> tuple[float, float]:
     -------
     tuple of float
     """
+    far, silicone = friction == FAR_FRICTION, rubber("silskin_0")
     try:
         run = slide(
-            FingerShape(bone_radius=7.5 * share), rubber("silskin_0"), force=1.0, distances=(DISTANCE,),
-            friction=friction, hold="depth", size=SLIDE_SIZE, cache=cache_folder(),
+            FingerShape(bone_radius=7.5 * share), carried_on(silicone) if far else silicone, force=1.0,
+            distances=(FAR if far else DISTANCE,), friction=friction, hold="depth",
+            size=FAR_SIZE if far else SLIDE_SIZE, cache=cache_folder(),
         )  # fmt: skip
     except LimitReached as error:
         print(f"{share:g} {friction:g}: {error}", flush=True)
@@ -68,7 +71,7 @@ def main(file: Path = FILE) -> None:
     rows = []
     for friction in FRICTIONS:
         for bone, share in SHIPPED.items():
-            found = solved_slide(SlideCase(friction, bone, "depth"))
+            found = solved_slide(SlideCase(friction, bone, "depth", "far" if friction == FAR_FRICTION else ""))
             rows.append((share, friction, overshoot(found), float(found.scalars["slide"][-1])))
     for case in (None, *SOLVED):
         if case is not None:

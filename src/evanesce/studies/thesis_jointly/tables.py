@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import map_coordinates
 
+from evanesce.studies.mechanics.runs import TILT_DEG, TILTED, solved_slide
+
 Array = NDArray[Any]
 
 DATA = Path(__file__).resolve().parent / "data"
@@ -124,6 +126,26 @@ def bone_change(share: Array) -> Array:
     """Return the area at 1 N of the short finger with a bone over that without, less 1."""
     curve = _area_at_1N("short")
     return np.asarray(np.expm1(curve(share) - curve(np.zeros(1))))
+
+
+@lru_cache(maxsize=4)
+def tilted_area(material: str) -> Grid:
+    """Return the logarithm of the pressed area at 45 deg over that at 0 by bone share.
+
+    Over a bone of half the radius or more the tip is a sphere on a sphere, whose contact no tilt changes; what the
+    meshes make of that is taken off the solid finger's.
+    """
+    solid, boned = (
+        [
+            float(solved_slide(case).scalars["area"][0])
+            for tilt in (TILT_DEG, 0.0)
+            for case in TILTED
+            if (case.material, case.bone, case.tilt_deg) == (material, bone, tilt)
+        ]
+        for bone in ("none", "half")
+    )
+    change = np.log(solid[0] / solid[1]) - np.log(boned[0] / boned[1])
+    return Grid((SHARES,), np.interp(SHARES, (0.0, 0.5), (change, 0.0)))
 
 
 @lru_cache(maxsize=1)

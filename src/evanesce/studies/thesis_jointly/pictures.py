@@ -127,7 +127,8 @@ def draw_outcome(axis: Axes, group: str, rows: Rows, *, small: bool = False) -> 
     axis.set_xticks(places, [_condition(row) for row in rows], fontsize=size)
     axis.set_xlim(-0.6, len(rows) - 0.4)
     values = [v for r in rows for v in (*r["published"], r["believed"], *r["extended"])]
-    if min(values) > 0 and max(values) > 4 * min(values):
+    change = "change" in TITLES[group.partition(":")[2]]
+    if not change and min(values) > 0 and max(values) > 4 * min(values):
         axis.set_yscale("log")
         axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.4, 2.0, 3.0, 5.0, 7.0)))
         axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -9,13 +9,14 @@ from scipy.integrate import dblquad
 
 from evanesce.contact.analytic.hertz import hertz_contact
 from evanesce.contact.slide import slide_forces
-from evanesce.contact.sliding.limit_surface import directional_friction, ellipsoid_wrench, sliding_wrench
+from evanesce.contact.sliding.friction_ellipse import directional_friction
 from evanesce.contact.sliding.torsion import sliding_torque
 from evanesce.contact.solve import contact_sequence
 from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState
 from evanesce.materials.friction import InterfaceFriction, coulomb
 from evanesce.rig import Scene, load_scene
+from support.limit_surface import ellipsoid_wrench, sliding_wrench
 
 CONTACT = hertz_contact(1.1, 7.5, 0.4)
 RIDGES = {"pattern": "parallel", "pitch_um": 900.0, "orientation_deg": 50.0}

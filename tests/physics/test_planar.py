@@ -10,13 +10,14 @@ from scipy.special import ellipe
 
 from evanesce.contact.analytic.hertz import hertz_contact, hertz_radius
 from evanesce.contact.patch import cell_pressure
-from evanesce.contact.sliding.limit_surface import directional_friction, sliding_wrench
+from evanesce.contact.sliding.friction_ellipse import directional_friction
 from evanesce.contact.sliding.planar import MARGIN, PlanarFrame, PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import planar_state
 from evanesce.contact.sliding.solver import march
 from evanesce.contact.sliding.torsion import sliding_torque, twisted
 from evanesce.core.states import PlateGrid, SurfaceState
 from evanesce.materials.friction import InterfaceFriction, coulomb
+from support.limit_surface import sliding_wrench
 
 E, R, N, MU = 0.64, 7.1, 1.3, 0.83
 G = E / 4  # incompressible

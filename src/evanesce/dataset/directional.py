@@ -6,7 +6,7 @@ import math
 
 from scipy.special import ellipe
 
-from evanesce.contact.sliding.limit_surface import directional_friction
+from evanesce.contact.sliding.friction_ellipse import directional_friction
 from evanesce.dataset.design import TrialPlan
 
 
@@ -46,7 +46,7 @@ def twist_factor(plan: TrialPlan) -> float:
 
     Notes
     -----
-    The power of friction of a skin that moves along t is |M t| of the ellipse of :mod:`limit_surface
-    <evanesce.contact.sliding.limit_surface>`, whose mean over a circle is a complete elliptic integral.
+    The power of friction of a skin that moves along t is |M t| of the :class:`friction ellipse
+    <evanesce.contact.sliding.friction_ellipse.FrictionEllipse>`; its mean over a circle is an elliptic integral.
     """
     return 2.0 / math.pi * float(ellipe(1.0 - ridge_friction(plan)[0] ** 2))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.contact.patch import AxisymmetricContact
-from evanesce.contact.sliding.limit_surface import FrictionEllipse
+from evanesce.contact.sliding.friction_ellipse import FrictionEllipse
 from evanesce.contact.sliding.planar import PlanarPath, PlanarSolver
 from evanesce.contact.sliding.planar_states import PlanarState, planar_state
 from evanesce.contact.sliding.torsion import sliding_torque

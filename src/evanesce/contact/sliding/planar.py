@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from evanesce.contact.patch import AxisymmetricContact, cell_pressure, radii
-from evanesce.contact.sliding.limit_surface import FrictionEllipse
+from evanesce.contact.sliding.friction_ellipse import FrictionEllipse
 from evanesce.core.states import PlateGrid
 from evanesce.materials.friction import InterfaceFriction
 

@@ -62,6 +62,7 @@ def test_no_help_text_loses_a_unit_as_markup() -> None:
         (["render", "thesis", "--force", "-1"], ["press.forces_N", "-1", "0 to 1000 N"]),
         (["render", "thesis", "--set", "effects.vigneting.k=0.1"], ["thesis.toml", "effects.vigneting", "vignetting"]),
         (["render", "thesis", "--set", "x=" + "[" * 5000 + "]" * 5000], ["--set x", "TOML"]),
+        (["render", "thesis_slide", "--set", "grid.size_mm=4"], ["thesis_slide: grid.size_mm", "at least"]),
         (["render", "thesis", "--video", "gif"], ["--video", "gif", "h264"]),
         (["render", "thesis", "--variant", "metal", "--fast"], ["--variant"]),
         (["render", "thesis", "--fast", "--spp", "16"], ["--spp", "--reference"]),

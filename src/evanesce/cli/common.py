@@ -38,7 +38,7 @@ def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except EvanesceError as error:
-            print(f"error: {error}", file=sys.stderr)
+            print(f"error: {_with_scene(error, kwargs)}", file=sys.stderr)
             raise typer.Exit(error.exit_code) from None
         except (OSError, MemoryError) as error:
             print(f"error: {error.__class__.__name__}: {error}", file=sys.stderr)
@@ -48,6 +48,18 @@ def handles_errors(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(130) from None
 
     return wrapped
+
+
+def _with_scene(error: EvanesceError, given: Mapping[str, Any]) -> EvanesceError:
+    """Return an error about a key of the command's scene with the scene's name, where it names no file."""
+    from evanesce.rig import Scene
+
+    scene = given.get("scene")
+    if not isinstance(error, InputError) or error.file is not None or not isinstance(scene, str) or "config" in given:
+        return error
+    if (error.key or "").partition(".")[0] not in Scene.model_fields:
+        return error
+    return InputError(error.what, file=scene, key=error.key, allowed=error.allowed)
 
 
 @contextmanager

@@ -1,16 +1,21 @@
-"""Slides at high friction: how far each goes, and what ends it (docs/validation/contact-fem.md); numbers pick some."""
+"""Slides at high friction: how far each goes, and what ends it (docs/validation/contact-fem.md); numbers pick some.
+
+``shipped`` prints what the library's slides and the tilted presses show, and solves nothing.
+"""
 
 from __future__ import annotations
 
 import sys
 import time
 
+from evanesce.contact.fem.library import FAR_SLIDES, library_slide
 from evanesce.contact.fem.material import carried_on, rubber
 from evanesce.contact.fem.mesh import FingerShape, MeshSize
 from evanesce.contact.fem.programme import SLIDE_STEPS, slide
 from evanesce.contact.fem.result import SolvedRun
 from evanesce.contact.fem.runs import cache_folder
 from evanesce.contact.fem.steps import LimitReached
+from evanesce.studies.mechanics.runs import TILTED, solved_slide
 
 COARSE = MeshSize(1.1, growth=1.5, coarsest=4.0)
 USUAL = MeshSize(0.8, growth=1.4, coarsest=4.0)
@@ -32,8 +37,28 @@ CASES = (
 )
 
 
+def shipped() -> None:
+    """Print pull and area of the slides of the library, and areas at 45 deg over those at 0."""
+    for (material, bone), (name, friction, contact) in FAR_SLIDES.items():
+        rows = library_slide(name).scalars
+        pull, way, area = rows["tangential_force"] / rows["normal_force"], rows["slide"], rows["area"]
+        print(
+            f"{material}, mu {friction}, bone {bone}, {contact} mm: to {way[-1]:.1f} mm, largest pull {pull.max():.2f},"
+            f" from {way[int((pull > 0.99 * pull.max()).argmax())]:.1f} mm; area {area[0]:.1f},"
+            f" at most {area.max():.1f} at {way[area.argmax()]:.1f} mm, {area[-1]:.1f} mm^2"
+        )
+    for upright, tilted in zip(TILTED[::2], TILTED[1::2], strict=True):
+        areas = [float(solved_slide(case).scalars["area"][0]) for case in (upright, tilted)]
+        print(
+            f"{upright.material}, bone {upright.bone}: {areas[1] / areas[0]:.3f} of the area at {tilted.tilt_deg:g} deg"
+        )
+
+
 def main() -> None:
     """Solve and print the cases whose numbers, from 1, are given; all without any."""
+    if sys.argv[1:] == ["shipped"]:
+        shipped()
+        return
     wanted = [int(text) for text in sys.argv[1:]] or range(1, len(CASES) + 1)
     for material, friction, hold, size, bone, carry, distance in (CASES[number - 1] for number in wanted):
         ended, began = "", time.monotonic()

@@ -104,7 +104,7 @@ def test_friction_is_that_of_the_drives_speed_where_it_turns_back_within_a_frame
     ratio = 0.999 if turned else 1.0  # the same by springs along a line, and in the plane
     found = trial(exponent=1.0, reversals=20.0, speed_mm_per_s=3.0, distance_mm=0.3, ratio=ratio)
     assert isinstance(found, PlanarTrial) is turned
-    force = series(found, "Fx_N") * 1.0
+    force = series(found, "Fx_N")
     moving = int(np.argmax(series(found, "drive_mm") > 0.0))
     mu = series(found, "friction_coefficient")[moving + 1 : -1]
     np.testing.assert_allclose(mu, mu[0], rtol=2e-3)

@@ -290,9 +290,7 @@ def _work_of_adhesion(scene: Scene) -> float:
 def _friction(finger: Finger, slide: Slide) -> InterfaceFriction:
     friction = _rest_friction(finger, slide)
     if slide.friction_factor is not None:
-        friction = replace(
-            friction, tau0=slide.friction_factor * friction.tau0, alpha=slide.friction_factor * friction.alpha
-        )
+        friction = friction.times(slide.friction_factor)
     return friction if slide.speed_exponent is None else replace(friction, speed_exponent=slide.speed_exponent)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -34,7 +33,7 @@ def interface(plan: TrialPlan, contact: AxisymmetricContact) -> InterfaceFrictio
         weakening_distance=f.weakening_distance_mm,
         speed_exponent=f.speed_exponent,
     )
-    return scaled(across, twist_factor(plan)) if plan.kind == "rotation" else across
+    return across.times(twist_factor(plan)) if plan.kind == "rotation" else across
 
 
 def gross_slip(
@@ -59,18 +58,13 @@ def gross_slip(
     shaft : float
         Its stiffness along the drive [N/mm].
     """
-    strong = scaled(friction, drive_factor(plan))
+    strong = friction.times(drive_factor(plan))
     found, way = strong, reach(contact, strong, modulus, shaft)
     if friction.speed_exponent:
         for _ in range(SPEED_STEPS):  # a longer way to gross slip asks for a faster slide, whose friction is higher
-            found = scaled(strong, float(friction.speed_factor(slide_speed(plan, trial, way))))
+            found = strong.times(float(friction.speed_factor(slide_speed(plan, trial, way))))
             way = reach(contact, found, modulus, shaft)
     return way, found.tau0 * math.pi * contact.contact_radius**2 + found.alpha * contact.normal_force
-
-
-def scaled(friction: InterfaceFriction, factor: float) -> InterfaceFriction:
-    """Return an interface of another strength."""
-    return replace(friction, tau0=factor * friction.tau0, alpha=factor * friction.alpha)
 
 
 def reach(contact: AxisymmetricContact, friction: InterfaceFriction, modulus: float, shaft: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,6 +55,20 @@ class InterfaceFriction:
             raise ValueError("weakening distance, healing time and reference speed must be positive")
         if not 0.0 <= self.speed_exponent <= 1.0:
             raise ValueError(f"speed exponent {self.speed_exponent:g} is not in [0, 1]")
+
+    def times(self, factor: float) -> InterfaceFriction:
+        """Return the same law of another strength.
+
+        Parameters
+        ----------
+        factor : float
+            Over this one's.
+
+        Returns
+        -------
+        InterfaceFriction
+        """
+        return replace(self, tau0=factor * self.tau0, alpha=factor * self.alpha)
 
     def coefficient(self, mean_pressure: ArrayLike, speed: float | None = None) -> Floats:
         """Return the static coefficient of friction.

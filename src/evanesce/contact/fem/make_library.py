@@ -27,7 +27,7 @@ from evanesce.materials.tables import material as silicone
 FORCES = (0.1, 0.15, 0.22, 0.33, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SIZE = MeshSize(contact=0.06, fine_extent=5.8)
 FAR_SIZE = MeshSize(contact=1.1, growth=1.5, coarsest=4.0)
-"""Of slides by 20 mm, unless a finer one is named; beside 0.8 mm their area at the end is 3 % less."""
+"""Of slides by 20 mm, unless a finer one is named."""
 MATERIALS = ("silskin_0", "silskin_20")
 
 

@@ -68,15 +68,15 @@ def test_a_model_far_off_does_not_leave_its_priors_at_once() -> None:
         tried.append(v)
         return 1e3 * np.tanh(v[0] * x + v[1] * (x + 0.02 * x**2))
 
-    def jacobian(v: Any, predicted: Any) -> Any:
+    def jacobian(v: Any, predicted: Any, width: Any) -> Any:
         slope = 1e3 / np.cosh(v[0] * x + v[1] * (x + 0.02 * x**2)) ** 2
-        return np.array([slope * x, slope * (x + 0.02 * x**2)])
+        return np.array([slope * x, slope * (x + 0.02 * x**2)]), predicted
 
     true = np.array([1.0, 1.0])
     data, none = predict(true), Metric.of(np.zeros((0, 50)), np.zeros(0))
     prior = Prior(np.zeros(2), np.ones(2), np.full(2, -np.inf), np.full(2, np.inf))
-    free = bounded_step(jacobian(np.zeros(2), None) @ jacobian(np.zeros(2), None).T, jacobian(np.zeros(2), None) @ data,
-                        prior.low, prior.high)  # fmt: skip
+    rows, _ = jacobian(np.zeros(2), None, None)
+    free = bounded_step(rows @ rows.T, rows @ data, prior.low, prior.high)
     assert np.abs(free).max() > 30
     tried.clear()
     found = fit(predict, jacobian, data, prior, np.zeros(2), metric=none, renewals=5)

@@ -14,7 +14,7 @@ from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
 Model = Callable[[Array], Array]
-Jacobian = Callable[[Array, Array], Array]
+Jacobian = Callable[[Array, Array, Array | None], tuple[Array, Array]]
 
 RADIUS = 1.0
 """Prior deviations that a first step goes in any parameter: a model far off promises most by figures that nobody
@@ -30,7 +30,7 @@ BISECTIONS = 16
 FAILURES, STALE_FAILURES = 5, 2
 """Steps that may fail in a row: by derivatives made where they start, and by those that steps have corrected since, if
 they can be made anew."""
-SETTLED = 1e-4
+SETTLED, LEAST_GAIN = 1e-4, 1.0
 """A fit has settled where a step promises less than this share of the misfit above noise's, or less than half a nat."""
 HELD = 1e9
 """By so much the precision of what a bound holds is raised: enough to stay, little enough to invert."""
@@ -198,7 +198,9 @@ def fit(
         ``model(values) -> whitened prediction (d,)``; may raise :class:`~evanesce.core.errors.InputError` for values
         that the rig cannot have, which then count as a step that failed, as predictions do that are not finite.
     jacobian : callable
-        ``jacobian(values, predicted) -> whitened derivatives (n, d)``.
+        ``jacobian(values, predicted, width) -> whitened derivatives (n, d), prediction (d,)``: to be made over no more
+        than posterior standard deviations, ``width`` (n,), where those are known. The prediction changes where what it
+        takes for linear is evaluated anew.
     data : ndarray (d,)
         Whitened.
     prior : Prior
@@ -226,11 +228,13 @@ def fit(
     values = np.clip(np.asarray(start, float), prior.low, prior.high)
     predicted = predict(values)
 
-    def made() -> Slopes:
-        rows = np.array(jacobian(values, predicted), float)
-        return Slopes(rows, rows, values)
+    def made(width: Array | None) -> tuple[Slopes, Array]:
+        rows, there = jacobian(values, predicted, width)
+        rows = np.array(rows, float)
+        return Slopes(rows, rows, values), there
 
-    slopes = made() if slopes is None else slopes
+    if slopes is None:
+        slopes, predicted = made(None)
 
     def misfit_of(at: Array, prediction: Array) -> float:
         left = data - prediction
@@ -240,16 +244,19 @@ def fit(
     for _ in range(rounds):
         precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
         low, high = prior.low - values, prior.high - values
-        step = bounded_step(precision, gradient, low, high)
-        settled = _promised(step, precision, gradient) < max(SETTLED * (misfit - data.size), 1.0)
+        free = bounded_step(precision, gradient, low, high)
+        step = step_within(radius, prior.deviation, free, precision, gradient, low, high)
+        settled = _promised(free, precision, gradient) < max(SETTLED * (misfit - data.size), LEAST_GAIN)
+        # After steps that failed only what is within reach counts.
+        settled |= failed > 0 and _promised(step, precision, gradient) < LEAST_GAIN
         stale = not slopes.fresh and renewals > 0
         if settled or failed >= (STALE_FAILURES if stale else FAILURES):
             if not stale:
                 break
-            slopes, renewals = made(), renewals - 1
+            (slopes, predicted), renewals = made(np.sqrt(np.diag(np.linalg.inv(precision)))), renewals - 1
+            misfit = misfit_of(values, predicted)
             radius, failed = max(radius, RADIUS), 0
             continue
-        step = step_within(radius, prior.deviation, step, precision, gradient, low, high)
         trial = np.clip(values + step, prior.low, prior.high)
         size, promised = float(np.abs(step / prior.deviation).max()), _promised(step, precision, gradient)
         try:

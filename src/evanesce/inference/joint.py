@@ -172,6 +172,29 @@ class JointFit:
         return np.flatnonzero([p.name.startswith(f"{cause}:") for p in self.parameters])
 
 
+class Linear:
+    """Parameters whose evaluation takes seconds, linear about where they were evaluated last.
+
+    Parameters
+    ----------
+    rows : mapping of str to ndarray (d,)
+        Whitened derivatives.
+    evaluated : mapping of str to float
+        Where, of these parameters and others.
+    """
+
+    def __init__(self, rows: Mapping[str, Array], evaluated: Mapping[str, float]) -> None:
+        self.rows = dict(rows)
+        self.point = {name: evaluated.get(name, 0.0) for name in rows}
+
+    def predicted(self, model: Model, point: Mapping[str, float]) -> Array:
+        """Return the whitened prediction (d,) at a point."""
+        found = model.vector({**point, **self.point})
+        for name, row in self.rows.items():
+            found = found + (point[name] - self.point[name]) * row
+        return np.asarray(found)
+
+
 class Fitter:
     """Fits causes jointly.
 
@@ -192,6 +215,7 @@ class Fitter:
         self.nuisances = tuple(_bounded(p) for p in every if not p.linear)
         self.jitter = tuple(p for p in every if p.linear)
         self._evaluated_at: dict[str, float] = {}
+        self._differentiated_at: dict[str, float] = {}
 
     def fitted(
         self,
@@ -214,18 +238,17 @@ class Fitter:
             See :func:`evanesce.inference.gauss_newton.fit`.
         """
         parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
-        slow = _slow(taken)
+        linear = Linear(_slow(taken), self._evaluated_at)
 
         def point_of(values: Array) -> dict[str, float]:
             return {**start, **{p.name: float(v) for p, v in zip(parameters, values, strict=True)}}
 
         def predict(values: Array) -> Array:
-            return self.predicted(point_of(values), taken)
+            return linear.predicted(self.model, point_of(values))
 
-        def jacobian(values: Array, predicted: Array) -> Array:
-            point = point_of(values) | {name: self._evaluated_at.get(name, 0.0) for name in slow}
-            made = self._derivatives(point, [p for p in parameters if p.name not in slow])
-            return np.array([slow[p.name] if p.name in slow else made[p.name] for p in parameters])
+        def jacobian(values: Array, predicted: Array, width: Array | None) -> tuple[Array, Array]:
+            rows = self._jacobian(parameters, point_of(values), linear, width)
+            return rows, predict(values) if width is not None and linear.rows else predicted
 
         values = np.array([value_of(start, p) for p in parameters])
         solution = fit(
@@ -233,9 +256,43 @@ class Fitter:
             renewals=renewals,
         )  # fmt: skip
         residual = self.observed - solution.predicted
-        return JointFit(
-            tuple(taken), parameters, point_of(solution.values), solution, metric, residual, len(self.fields)
-        )
+        taken = tuple(replace(t, slow={name: linear.rows[name] for name in t.slow}) for t in taken)
+        return JointFit(taken, parameters, point_of(solution.values), solution, metric, residual, len(self.fields))
+
+    def slopes_about(self, found: JointFit) -> Slopes:
+        """Return the derivatives of a fit's parameters where it ended, over no more than posterior deviations.
+
+        Parameters
+        ----------
+        found : JointFit
+        """
+        width = np.sqrt(np.diag(found.solution.covariance))
+        rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), width)
+        return Slopes(rows, rows, found.solution.values)
+
+    def _jacobian(
+        self, parameters: Sequence[Parameter], point: Mapping[str, float], linear: Linear, width: Array | None
+    ) -> Array:
+        """Return whitened derivatives (n, d), with a width (n,) over no more than that.
+
+        Those by what takes seconds are made anew where, by that width, their straight line does not reach.
+        """
+        anew: list[str] = []
+        if width is not None:
+            anew = [
+                p.name
+                for p, w in zip(parameters, width, strict=True)
+                if p.name in linear.rows and _beyond(point[p.name], linear.point[p.name], p.null, float(w))
+            ]
+            linear.point |= {name: point[name] for name in anew}
+            parameters = [_over(p, float(w)) for p, w in zip(parameters, width, strict=True)]
+        asked = [p for p in parameters if p.name not in linear.rows or p.name in anew]
+        # What takes longest first: processes that share the work end together.
+        made = self._derivatives({**point, **linear.point}, sorted(asked, key=lambda p: p.name not in anew))
+        linear.rows |= {name: made[name] for name in anew}
+        self._evaluated_at |= linear.point
+        self._differentiated_at |= {name: point[name] for name in anew}
+        return np.array([linear.rows[p.name] if p.name in linear.rows else made[p.name] for p in parameters], float)
 
     def predicted(self, point: Mapping[str, float], taken: Sequence[Taken]) -> Array:
         """Return the whitened prediction (bins,) with some causes; those whose evaluation takes seconds act linearly.
@@ -245,10 +302,7 @@ class Fitter:
         InputError
             If the rig cannot have these values.
         """
-        slow = _slow(taken)
-        at = {name: self._evaluated_at.get(name, 0.0) for name in slow}
-        extra = sum(((point[name] - at[name]) * row for name, row in slow.items()), np.zeros_like(self.observed))
-        return np.asarray(self.model.vector({**point, **at}) + extra)
+        return Linear(_slow(taken), self._evaluated_at).predicted(self.model, point)
 
     def relinearised(
         self,
@@ -259,6 +313,7 @@ class Fitter:
         anchors: int = ANCHORS,
         rounds: int = ROUNDS,
         renewals: int = 1,
+        anchored: bool = False,
     ) -> JointFit:
         """Return the joint fit at the fine model's optimum: anchored and differentiated anew until it stays.
 
@@ -274,6 +329,8 @@ class Fitter:
             Fine evaluations at most.
         rounds, renewals : int
             After each, see :func:`evanesce.inference.gauss_newton.fit`.
+        anchored : bool
+            Begin about the present anchor: good enough for a fit that will go far from its start.
 
         Raises
         ------
@@ -292,6 +349,8 @@ class Fitter:
                 self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
                 there = {**point, **self._evaluated_at}
                 self.model.anchor(there)
+            elif anchored:
+                there = {**point, **Linear(slow, self._evaluated_at).point}
             else:
                 there = self.stand(taken, point)
             taken = [self._secants(t, there) for t in taken]
@@ -305,7 +364,7 @@ class Fitter:
                 slopes = Slopes(np.array(rows, float))
             # An anchor moves the prediction, not its derivatives: those of the last serve until they gain no more.
             found = self.fitted(taken, point, metric=metric, slopes=slopes, rounds=rounds, renewals=renewals)
-            slopes = found.solution.slopes
+            slopes, taken = found.solution.slopes, found.taken
             self.model.unexplained = float(np.sqrt(max(found.misfit - self.observed.size, 0.0)))
             before = self.observed - self.predicted(point, taken)
             first = float(metric.project(before) @ before)
@@ -332,9 +391,16 @@ class Fitter:
     def _secants(self, taken: Taken, there: Mapping[str, float]) -> Taken:
         """Return a cause whose parameters that take seconds act along the line from null to where they were evaluated.
 
-        Beside other causes that line is another one than about the nominal rig.
+        Beside other causes that line is another one than about the nominal rig. A derivative that was made there stays.
         """
-        nulls = {p.name: p.null for p in taken.parameters if p.name in taken.slow and there[p.name] != p.null}
+        known = self._differentiated_at
+        nulls = {
+            p.name: p.null
+            for p in taken.parameters
+            if p.name in taken.slow
+            and there[p.name] != p.null
+            and not (p.name in known and _near(there[p.name], known[p.name], p.null))
+        }
         if not nulls:
             return taken
         here = self.model.vector(there)
@@ -348,8 +414,7 @@ class Fitter:
         """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
         place = [p.name for p in fitted.parameters].index(name)
         sd = float(np.sqrt(fitted.solution.covariance[place, place]))
-        at, found = self._evaluated_at[name], fitted.point[name]
-        return abs(found - at) > LINEAR * sd and not _near(found, at, fitted.parameters[place].null)
+        return _beyond(fitted.point[name], self._evaluated_at[name], fitted.parameters[place].null, sd)
 
     def derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> list[Array]:
         """Return whitened derivatives (bins,) at a point, in the order of some parameters.
@@ -386,6 +451,16 @@ def _with_rows(slopes: Slopes, taken: Sequence[Taken], rows: Mapping[str, Array]
     for name, row in rows.items():
         found[names.index(name)] = row
     return replace(slopes, rows=found, made=found if slopes.fresh else slopes.made)
+
+
+def _over(parameter: Parameter, width: float) -> Parameter:
+    """Return a parameter that is differentiated over no more than a posterior deviation, to one side."""
+    return replace(parameter, step=width, one_sided=True) if width < parameter.step else parameter
+
+
+def _beyond(value: float, evaluated: float, null: float, width: float) -> bool:
+    """Return whether a value is farther from where a parameter was evaluated than a straight line reaches."""
+    return abs(value - evaluated) > LINEAR * width and not _near(value, evaluated, null)
 
 
 def _near(value: float, evaluated: float, null: float) -> bool:

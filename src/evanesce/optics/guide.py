@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.emitters import LedTable
 from evanesce.optics.interface import (
     critical_angle,
@@ -115,7 +116,7 @@ def guided_irradiance(
         Gauss-Legendre nodes along each side of an emitting face. The critical angle cuts faces at a sharp line, which
         limits the error to about 1/nodes of the share of faces cut.
     """
-    node, weight = np.polynomial.legendre.leggauss(nodes)
+    node, weight = gauss_legendre(nodes)
     along, depth = np.meshgrid(node * leds.width / 2, thickness / 2 + node * leds.height / 2)
     area = np.outer(weight, weight) * leds.width * leds.height / 4
     total = 0.0

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evanesce.core.quadrature import gauss_legendre
+
 Array = NDArray[np.float64]
 NM_PER_MM = 1e6
 
@@ -155,7 +157,7 @@ def _sine_panels(n1: float, n2: float, n3: float, order: int = 200) -> tuple[Arr
     """
     top = min(1.0, (n3 / n1) ** 2)
     edges = sorted({0.0, min(top, (n2 / n1) ** 2), top})
-    u, w = np.polynomial.legendre.leggauss(order)
+    u, w = gauss_legendre(order)
     u, w = 0.5 * (u + 1.0), 0.5 * w
     step, slope = u * u * (3.0 - 2.0 * u), 6.0 * u * (1.0 - u)
     nodes = [a + (b - a) * step for a, b in itertools.pairwise(edges)]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.interface import (
     fresnel_reflectance,
     frustrated_transmittance,
@@ -59,7 +60,7 @@ def angle_nodes(count: int, n_glass: float) -> tuple[Array, Array]:
         [rad].
     """
     critical = float(np.arcsin(1.0 / n_glass))
-    u, w = np.polynomial.legendre.leggauss(count)
+    u, w = gauss_legendre(count)
     parts = []
     for low, high in ((0.0, critical), (critical, np.pi / 2)):
         parts.append((low + (high - low) * (u + 1) / 2, w * (high - low) / 2))
@@ -149,7 +150,7 @@ def external_diffuse_reflectance(n_glass: float) -> float:
     n_glass : float
         [1].
     """
-    u, w = np.polynomial.legendre.leggauss(EXTERNAL_REFLECTANCE_NODES)
+    u, w = gauss_legendre(EXTERNAL_REFLECTANCE_NODES)
     cosine = 0.5 * (u + 1.0)
     return float(np.sum(w * fresnel_reflectance(cosine, 1.0, n_glass) * cosine))
 

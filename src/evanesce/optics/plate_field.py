@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.edge_rays import EDGES, EdgeLight, arrivals, led_count, radiance_entering, segment_of
 from evanesce.optics.guided_field import EdgeExchange, edge_exchange, edge_response
 from evanesce.optics.interface import fresnel_reflectance
@@ -123,8 +124,8 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
     """
     width, height = light.emitter_size
     n, t, leds = light.refractive_index, light.thickness, led_count(light)
-    ua, wa = np.polynomial.legendre.leggauss(across)
-    ud, wd = np.polynomial.legendre.leggauss(down)
+    ua, wa = gauss_legendre(across)
+    ud, wd = gauss_legendre(down)
     farthest = float(np.hypot(*light.size))
     # Guided light, and as many images again for what leaks near the critical angle.
     images = int(np.ceil(farthest * np.sqrt(n * n - 1.0) / (2 * t))) + 8

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.edge_rays import EDGES, EdgeLight, led_count
 from evanesce.optics.flank.escape import ON_GLASS
 from evanesce.optics.interface import fresnel_reflectance
@@ -71,8 +72,8 @@ def spilled_irradiance(
         Per radiance of each LED, if all its power were spilled [sr].
     """
     width, face_height = light.emitter_size
-    along, along_weight = np.polynomial.legendre.leggauss(NODES_ALONG)
-    up, up_weight = np.polynomial.legendre.leggauss(NODES_UP)
+    along, along_weight = gauss_legendre(NODES_ALONG)
+    up, up_weight = gauss_legendre(NODES_UP)
     # The same power from a band of another height: radiance by the ratio of areas.
     per_led = face_height / height_mm
     found, led = np.zeros((led_count(light), len(points))), 0

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.interface import fresnel_reflectance
 
 Array = NDArray[np.float64]
@@ -165,7 +166,7 @@ def profile_kernel(albedo: float, length: float, cell: float, reach: int) -> Arr
     cells = (profile(r, albedo, length) * (cell / parts) ** 2).reshape(near, parts, near, parts)
     quadrant[:near, :near] = cells.sum(axis=(1, 3))
     # In polar coordinates the 1/r is gone: eight triangles, each the encircled share up to the cell's side.
-    u, w = np.polynomial.legendre.leggauss(24)
+    u, w = gauss_legendre(24)
     angle = np.pi / 8 * (u + 1)
     within = share_within(0.5 * cell / np.cos(angle), albedo, length)
     quadrant[0, 0] = albedo * 8 / (2 * np.pi) * float(np.pi / 8 * w @ within)
@@ -204,7 +205,7 @@ def open_inside_reflectance(n_body: float, n_glass: float) -> float:
     n_body, n_glass : float
         [1].
     """
-    u, w = np.polynomial.legendre.leggauss(400)
+    u, w = gauss_legendre(400)
     # d(sin^2) up to the critical angle; sin^2 = s (1 - (1 - v)^2) makes the square-root end smooth.
     v, w = 0.5 * (u + 1), 0.5 * w
     sin2 = v * (2 - v) / n_body**2

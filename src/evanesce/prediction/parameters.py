@@ -38,6 +38,8 @@ class Parameter:
         The only views that it touches; None: all.
     linear : bool
         So small that its derivative says all: no prediction is made for it.
+    one_sided : bool
+        Differences to one side, of first order, at half the price: over a step within which the model is linear.
     template : ndarray (views, rows, cols), optional
         Its derivative, where that is not made by differences [DN per unit].
     """
@@ -50,6 +52,7 @@ class Parameter:
     step: float
     views: tuple[int, ...] | None = None
     linear: bool = False
+    one_sided: bool = False
     template: Array | None = field(default=None, compare=False, repr=False)
 
 
@@ -68,8 +71,8 @@ def derivative(
 ) -> Array:
     """Return d(prediction)/d(parameter) (views of the predictor, rows, cols) [DN per unit]; 0 in other views.
 
-    Central differences; at a bound three points of one side, which are as exact: one-sided differences of first order
-    would find sensitivity where there is none.
+    Central differences; at a bound three points of one side, which are as exact: over a share of a prior's deviation
+    one-sided differences of first order would find sensitivity where there is none.
 
     Parameters
     ----------
@@ -91,7 +94,10 @@ def derivative(
 
     if not only:
         raise ValueError(f"{parameter.name} touches none of the views {list(views)}")
-    if at - h >= low and at + h <= high:
+    if parameter.one_sided:
+        side = h if at + h <= high else -h
+        found = (cube(at + side) - (predictor.cube(point, only) if base is None else base)) / side
+    elif at - h >= low and at + h <= high:
         found = (cube(at + h) - cube(at - h)) / (2 * h)
     else:
         side = h if at + 2 * h <= high else -h

@@ -47,7 +47,9 @@ T = TypeVar("T")
 SEED = 0
 """Of effects with random places: the critic takes their scaling and shape from it, never their places."""
 
-KEEP_CONTACTS, KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 40, 80, 80, 400
+KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 80, 80, 400
+KEEP_CONTACTS = 24
+"""Of all predictors of a process together, some 25 MB each: as many states as most bundles hold."""
 
 
 class _Watched(Context):
@@ -77,6 +79,10 @@ class Kept:
         return found
 
 
+# The fine model gathers the light of one contact by pixels of two sizes.
+_CONTACTS = Kept(KEEP_CONTACTS)
+
+
 class Predictor:
     """Predicts the views of an observation.
 
@@ -100,7 +106,7 @@ class Predictor:
         """Added to every prediction of bins (views, rows, cols) [DN]."""
         self.fixed: dict[str, Mapping[str, Any]] = {}
         """Settings of effects that the scene does not have: places that data showed."""
-        self._contacts, self._lights, self._images = Kept(KEEP_CONTACTS), Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
+        self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
         self._bins, self._points = Kept(KEEP_BINS), Kept(4)
         self._known: set[str] = set()
         self._timed: set[str] = set()
@@ -279,7 +285,7 @@ class Predictor:
             def make() -> tuple[PlateLight, float]:
                 if level == 0.0:
                     return dark(rig), 1.0
-                state = self._contacts.get(contact_key, contact)
+                state = _CONTACTS.get(contact_key, contact)
                 return render_moved(rig, state, nuisances.shift_mm, self.finer), level
 
             made, at = self._lights.get(key, make)

@@ -21,6 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import beta
 
+from evanesce.core.quadrature import gauss_legendre
+
 Array = NDArray[np.float64]
 
 
@@ -190,7 +192,7 @@ def _tables(exponent: float) -> tuple[Array, Array, Array]:
     where nodes crowd (rho = q^4) to resolve the algebraic or logarithmic end.
     """
     nodes = np.linspace(0.0, 1.0, 4097) ** 4
-    tau, weight = np.polynomial.legendre.leggauss(96)
+    tau, weight = gauss_legendre(96)
     # tau = v^4 crowds the quadrature at tau = 0, too
     v = 0.5 * (tau + 1.0)
     tau, weight = v**4, 0.5 * weight * 4 * v**3

@@ -67,7 +67,7 @@ def area_start(model: AnchoredModel, point: Mapping[str, float], causes: Collect
         patches = [plate.patch(image) for image in model.coarse.images({**point, **there}, views)]
         return np.array([gone if patch is None else np.log(patch.area_mm2) / AREA_SHARE for patch in patches])
 
-    def slopes(values: Array, predicted: Array) -> Array:
+    def slopes(values: Array, predicted: Array, width: Array | None) -> tuple[Array, Array]:
         rows = []
         for place, p in enumerate(parameters):
             # Areas count pixels: over less than a prior deviation they change by steps.
@@ -75,7 +75,7 @@ def area_start(model: AnchoredModel, point: Mapping[str, float], causes: Collect
             there = values.copy()
             there[place] += step
             rows.append((areas(there) - predicted) / step)
-        return np.array(rows)
+        return np.array(rows), predicted
 
     mean, deviation, low, high = (
         np.array(column) for column in zip(*((p.null, p.deviation, *p.bounds) for p in parameters), strict=True)

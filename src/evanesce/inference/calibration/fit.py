@@ -48,6 +48,8 @@ Tell = Callable[[str], None]
 
 PASSES = 5
 """With other weights at most; they settle in three to five."""
+ANCHORS = 2
+"""Fine evaluations where noise alone weighs: a third moved misfits by less than the fine model's own errors do."""
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
 LOAD = "@force["
@@ -179,9 +181,9 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     # differences, where the fit has ended or next to it.
     slopes = best.solution.slopes
     if not slopes.fresh:
-        made = slopes.made if best.solution.moved < NEAR else None
-        near = None if made is None else replace(slopes, rows=made)
-        best = start.fitter.fitted(into.taken, best.point, metric=best.metric, slopes=near, rounds=0)
+        near = slopes.made if best.solution.moved < NEAR else None
+        made = start.fitter.slopes_about(best) if near is None else replace(slopes, rows=near)
+        best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=0)
     discrepancy = discrepancy_of(model)
     forms, shares = form_errors(discrepancy, best)
     tied = np.concatenate([discrepancy.every_row(best), forms, _loads(model, best)])
@@ -226,7 +228,7 @@ def _joint(
         fitter = _sizes_known(Fitter(model))
         if not any(errors.values()):
             fitter.noise = start.fitter.noise
-            best = fitter.relinearised(into.taken, point, known, tell)
+            best = fitter.relinearised(into.taken, point, known, tell, ANCHORS, anchored=True)
             break
         fitter.fields = voltage_rows(model.data, errors, fitter.observed.size)
         best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)
@@ -266,7 +268,7 @@ def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVect
     rows = reweighed(slopes.rows, before, data)
     known = None if rows is None else Slopes(rows)
     taken = []
-    for t in into.taken:
+    for t in best.taken:
         slow = {}
         for p in (p for p in t.parameters if p.name in t.slow):
             own = reweighed(t.slow[p.name][None], before, data)

@@ -2,12 +2,12 @@
 
 A real LED strip or halo is of another form than any figure's. What a cause does to the frames is then known to a share,
 that varies smoothly over the frame and from its strongest to its faintest parts (a halo falls off by another law). The
-shares are those that make what is left most probable, all causes' at once.
+shares are those that what is left makes probable, each beside the others' likeliest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ SHARES = np.concatenate([[0.0], np.geomspace(TIED_SHARE, MOST_SHARE, 4)])
 """That are tried, finely enough to come within a half."""
 ROUNDS = 3
 """In which each cause's is sought given the others'."""
+LEAST_LIKELY = 0.01
+"""Likelihood over the largest, below which a share is not counted."""
 LEAST_CHANGE = 20.0
 """Standard deviations of a change along its largest row: of less, noise hides any share."""
 
@@ -53,7 +55,7 @@ def form_errors(discrepancy: Discrepancy, fitted: JointFit) -> tuple[Array, dict
         if np.square(rows).sum(axis=1).max() > LEAST_CHANGE**2:
             # Rows of series, where there are any, follow the bins.
             blocks[name] = np.pad(rows, ((0, 0), (0, size - rows.shape[1])))
-    shares = likeliest_shares(fitted, blocks)
+    shares = probable_shares(fitted, blocks)
     off = [blocks[name] * np.float32(share) for name, share in shares.items() if share]
     return np.concatenate([np.zeros((0, size), np.float32), *off]), shares
 
@@ -78,8 +80,8 @@ def form_rows(data: DataVector, change: Array) -> Array:
     return np.array(rows, np.float32)
 
 
-def likeliest_shares(fitted: JointFit, blocks: Mapping[str, Array]) -> dict[str, float]:
-    """Return the shares of rows, by cause, that make what a fit leaves most probable, all that is fitted marginalised.
+def probable_shares(fitted: JointFit, blocks: Mapping[str, Array]) -> dict[str, float]:
+    """Return the shares of rows, by cause, that what a fit leaves makes probable, all that is fitted marginalised.
 
     Parameters
     ----------
@@ -108,4 +110,12 @@ def likeliest_shares(fitted: JointFit, blocks: Mapping[str, Array]) -> dict[str,
         for place in range(len(now)):
             tried = [np.where(np.arange(len(now)) == place, share, now) for share in SHARES]
             now = min(tried, key=cost)
-    return dict(zip(blocks, map(float, now), strict=True))
+    return {name: _mean_square(now, place, cost) for place, name in enumerate(blocks)}
+
+
+def _mean_square(shares: Array, place: int, cost: Callable[[Array], float]) -> float:
+    """Return the root of a share's mean square over what the data leave probable: the likeliest alone is too small."""
+    costs = np.array([cost(np.where(np.arange(len(shares)) == place, share, shares)) for share in SHARES])
+    weight = np.exp(-0.5 * (costs - costs.min()))
+    weight[weight < LEAST_LIKELY] = 0.0
+    return float(np.sqrt(weight @ SHARES**2 / weight.sum()))

@@ -77,7 +77,8 @@ def intervals(fitted: JointFit, tied: Array) -> dict[str, Interval]:
     slope = np.asarray(solution.rows @ projected, float) - fitted.departures() / deviation**2
     bound_precision = np.where(held, slope**2 / inflation, 0.0)
     own = np.linalg.inv(solution.precision + np.diag(bound_precision))
-    cross = solution.rows @ np.asarray(fitted.metric.project(tied.astype(float))).T
+    # The metric on the side of the fewer rows: those of the discrepancy are a gigabyte.
+    cross = np.asarray(fitted.metric.project(solution.rows)) @ tied.T
     found = {}
     for k, p in enumerate(fitted.parameters):
         # Of what a bound holds, as if it did not; the bounds of the others stay.

@@ -189,7 +189,7 @@ class PhotoFitter(Fitter):
         self.observed = model.data.whitened(model.data.cube)
         self.nuisances = photo_nuisances(model.light.photograph)
         self.jitter = ()
-        self._evaluated_at = {}
+        self._evaluated_at, self._differentiated_at = {}, {}
 
     @staticmethod
     def start_of(photograph: Photograph) -> dict[str, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.edge_rays import EDGES, EdgeLight, led_count, radiance_entering
 from evanesce.optics.interface import fresnel_reflectance
 
@@ -115,7 +116,7 @@ def _irradiance(
     low, high = seen[..., place[: bottom.size]], seen[..., place[bottom.size :]]
     # The path to the source, horizontally, in the sense of the normal.
     towards = (normals[:, across, None] * side * inward + normals[:, lengthwise, None] * beside) / run
-    u, w = np.polynomial.legendre.leggauss(ANGLES)
+    u, w = gauss_legendre(ANGLES)
     total = np.zeros(low.shape)
     for node, weight in zip(u, w, strict=True):
         angle = 0.5 * (low + high) + 0.5 * (high - low) * node
@@ -201,7 +202,7 @@ def _strips(
     bare: bool,
 ) -> Array:
     """Return the irradiance from rectangles of an edge, (centres, points) [sr]."""
-    u, w = np.polynomial.legendre.leggauss(nodes)
+    u, w = gauss_legendre(nodes)
     along = (centres[:, None] + u * width / 2).ravel()
     found = np.empty((points.shape[0], along.size))
     step = max(1, _CHUNK // (along.size * 32))

@@ -99,10 +99,10 @@ class InterfaceBox:
     refine: int
 
     @classmethod
-    def of(cls, state: ContactState, end: float, refine: int, *, whole: bool = False) -> InterfaceBox:
-        """Find the part where there is contact or a film below ``end`` [mm], or take the ``whole`` grid."""
+    def of(cls, state: ContactState, end: float, refine: int) -> InterfaceBox:
+        """Find the part where there is contact or a film below ``end`` [mm]."""
         gap, share = np.asarray(state.gap), np.asarray(state.contact_mask)
-        part = np.s_[:, :] if whole else _coupled_part(gap, share, end)
+        part = _coupled_part(gap, share, end)
         # As in the path tracer's textures, a gap that is not a number is none.
         gap = np.minimum(np.fmax(gap[part].astype(np.float32), np.float32(0)), np.float32(4 * end))
         share = np.clip(share[part].astype(np.float32), 0, 1)
@@ -234,8 +234,7 @@ def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLi
         Samples a side of one cell.
     """
     grid, end = state.grid, float(fields.gaps[-1])
-    # Light scattered below the surface leaves beside the contact, too.
-    box = InterfaceBox.of(state, end, refine, whole=fields.subsurface is not None)
+    box = InterfaceBox.of(state, end, refine)
     pitch, fine = grid.pitch / refine, (grid.shape[0] * refine, grid.shape[1] * refine)
     modes = _modes(fields, grid, box, end)
     irradiance = modes.mixed(box.share, fields.coupling)
@@ -246,11 +245,22 @@ def patch_light(fields: Fields, state: ContactState, refine: int = 2) -> PatchLi
     if subsurface is None or subsurface.share < 1.0:
         unscattered = 1.0 if subsurface is None else 1.0 - subsurface.share
         radiance += np.float32(unscattered) * modes.mixed(box.share, fields.coupling * fields.response) * rise
-    if subsurface is not None:
-        low, part = gap_position(box.gap, end)
-        scattered = subsurface_radiance(subsurface, irradiance * rise, box.share, low, part, pitch)
-        radiance += np.float32(subsurface.share) * scattered
-    return PatchLight(box.row, box.col, radiance, box.cover, taken, pitch, refine)
+    if subsurface is None:
+        return PatchLight(box.row, box.col, radiance, box.cover, taken, pitch, refine)
+    # Light scattered below the surface leaves beside the contact, too.
+    within = _part(box.row, box.col, irradiance.shape)
+    low, part = gap_position(box.gap, end)
+    scattered = subsurface_radiance(subsurface, irradiance * rise, box.share, low, part, pitch, (within, fine))
+    scattered *= np.float32(subsurface.share)
+    scattered[within] += radiance
+    cover = np.zeros(grid.shape, np.float32)
+    cover[_part(box.row // refine, box.col // refine, box.cover.shape)] = box.cover
+    return PatchLight(0, 0, scattered, cover, taken, pitch, refine)
+
+
+def _part(row: int, col: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of a part from its first ones and its shape."""
+    return slice(row, row + shape[0]), slice(col, col + shape[1])
 
 
 def _rise(change: Array, box: InterfaceBox, fine: tuple[int, int]) -> Image:

@@ -137,31 +137,45 @@ def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
 
 
 def subsurface_radiance(
-    tables: Subsurface, irradiance: Image, share: Image, low: NDArray[np.int32], part: Image, pitch: float
+    tables: Subsurface,
+    irradiance: Image,
+    share: Image,
+    low: NDArray[np.int32],
+    part: Image,
+    pitch: float,
+    within: tuple[tuple[slice, slice], tuple[int, int]],
 ) -> Image:
-    """Return the radiance towards the lens on the refined grid.
+    """Return the radiance towards the lens on the whole refined grid; only a part of it couples light.
 
     Parameters
     ----------
     tables : Subsurface
     irradiance : ndarray (rows, cols)
-        That enters the silicone [W/mm^2].
+        That enters the silicone in that part [W/mm^2].
     share : ndarray (rows, cols)
         Share in contact; asperities are finer than the scattering length, so that the body sees the mean of both parts.
     low, part : ndarray (rows, cols)
         Position of the other part's gap in the tables: node below, and the fraction beyond it.
     pitch : float
         Of the refined grid [mm].
+    within : tuple
+        Rows and columns of the part, and the grid's shape.
     """
+    place, shape = within
+
+    def whole(inside: Image, beside: float) -> Image:
+        found = np.full(shape, beside, np.float32)
+        found[place] = inside
+        return found
 
     def at(table: Array) -> Image:
         table32 = table.astype(np.float32)
         apart = np.take(table32, low) * (1 - part) + np.take(table32[1:], low) * part
-        return np.asarray(share * table32[0] + (1 - share) * apart, np.float32)
+        return whole(share * table32[0] + (1 - share) * apart, float(table32[-1]))
 
-    rows, cols = irradiance.shape
+    rows, cols = shape
     coarse = (max(1, round(cols * pitch / tables.cell)), max(1, round(rows * pitch / tables.cell)))
-    entering = cv2.resize(irradiance, coarse, interpolation=cv2.INTER_AREA).astype(float)
+    entering = cv2.resize(whole(irradiance, 0.0), coarse, interpolation=cv2.INTER_AREA).astype(float)
     inside = cv2.resize(at(tables.inside), coarse, interpolation=cv2.INTER_AREA).astype(float)
     found = body_light(tables.kernel, entering, inside)
     body = cv2.resize(np.asarray(found, np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)

@@ -6,7 +6,7 @@ of LED powers, and kept. Closed forms: :mod:`evanesce.optics.spill`, :mod:`evane
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -109,7 +109,7 @@ def flank_irradiance_around(scene: Scene, finger: PressedFinger, radiances: Arra
         n = scene.plate.refractive_index
         through = (1.0 - external_diffuse_reflectance(n)) / n**2
         upwards = haze_radiance(haze.top_share, here) + haze_radiance(haze.bottom_share, here) * through
-        table = kept("flank surroundings", f"haze {where}", lambda: _haze_table(scene, finger))
+        table = _haze_table(scene, finger)
         total = total + np.pi * float(upwards) * table
     return np.asarray(total)
 
@@ -122,19 +122,26 @@ def _spill_table(scene: Scene, finger: PressedFinger, height: float) -> Array:
 
 
 def _haze_table(scene: Scene, finger: PressedFinger) -> Array:
-    """Return irradiance over pi times the even radiance of the plate around the contact, (rings, azimuths) [1]."""
-    found = hazy_floor(*finger.rings(), finger.contact_radius)
-    return _with_reflections(scene, finger, np.repeat(found[None, :, None], AZIMUTHS, axis=2))[0]
+    """Return irradiance over pi times the even radiance of the plate around the contact (rings, azimuths) [1]; kept."""
+
+    def make() -> Array:
+        found = hazy_floor(*finger.rings(), finger.contact_radius)
+        return np.asarray(_with_reflections(scene, finger, np.repeat(found[None, :, None], AZIMUTHS, axis=2))[0])
+
+    return kept("flank surroundings", f"haze {_anywhere(scene, finger)}", make)
+
+
+def _anywhere(scene: Scene, finger: PressedFinger) -> str:
+    """Return the key of what depends on the flank and the plate's faces, not on where on the plate the finger is."""
+    there = replace(finger, centre=(0.0, 0.0))
+    return repr((there, scene.finger.diffuse_reflectance, scene.plate.refractive_index))
 
 
 def _with_reflections(scene: Scene, finger: PressedFinger, irradiance: Array) -> Array:
     """Return irradiance (sources, rings, azimuths) with the flank's own light, mirrored by the plate."""
     reflectance, n = scene.finger.diffuse_reflectance, scene.plate.refractive_index
-    own = kept(
-        "flank exchange",
-        repr((finger, reflectance, n)),
-        lambda: mirrored_exchange(*finger.points(_azimuths()), reflectance, n),
-    )
+    points = finger.points(_azimuths())
+    own = kept("flank exchange", _anywhere(scene, finger), lambda: mirrored_exchange(*points, reflectance, n))
     return np.asarray((irradiance.reshape(len(irradiance), -1) @ own.T).reshape(irradiance.shape))
 
 

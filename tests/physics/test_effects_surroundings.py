@@ -16,12 +16,14 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState
 from evanesce.effects import Context, all_effects
 from evanesce.optics.edge_rays import EdgeLight, stacked_radiances
+from evanesce.optics.flank.irradiance import mirrored_exchange
 from evanesce.optics.flank.pressed import PressedFinger
 from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
 from evanesce.optics.haze import clouds, haze_radiance, hazy_floor
 from evanesce.optics.led import each_led_power
 from evanesce.optics.projection import Projection
 from evanesce.optics.spill import spilled_irradiance
+from evanesce.render.fast import surroundings
 from evanesce.render.fast.defects import guided_irradiance, plate_points
 from evanesce.render.fast.rig_optics import edge_light
 from evanesce.render.fast.surroundings import backdrop_irradiance
@@ -50,6 +52,28 @@ def pressed(scene: Scene, force_N: float = 5.0) -> ContactState:
     state = solve_contact(scene, force_N, seed=1)[1]
     assert state is not None
     return state
+
+
+def test_flank_exchanges_light_with_the_plate_alike_wherever_the_finger_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One solution for all places; light that comes from haze is the same at each."""
+    made = []
+
+    def counted(*arguments: Any) -> Any:
+        made.append(1)
+        return mirrored_exchange(*arguments)
+
+    monkeypatch.setattr(surroundings, "mirrored_exchange", counted)
+    forget()
+    scene = rig(Surroundings(haze=Haze(top_share=1e-3)))
+    finger = surroundings.pressed_finger(scene, 0.3)
+    here, there = (surroundings._haze_table(scene, replace(finger, centre=c)) for c in ((0.0, 0.0), (7.0, -3.0)))
+    assert len(made) == 1
+    np.testing.assert_array_equal(here, there)
+    points = replace(finger, centre=(7.0, -3.0)).points(surroundings._azimuths())
+    n = scene.plate.refractive_index
+    own = mirrored_exchange(*points, scene.finger.diffuse_reflectance, n)
+    moved = replace(finger, centre=(0.0, 0.0)).points(surroundings._azimuths())
+    np.testing.assert_allclose(own, mirrored_exchange(*moved, scene.finger.diffuse_reflectance, n), atol=1e-9)
 
 
 def one_led(size: tuple[float, float] = (40.0, 30.0), index: float = 1.523, at: float = 2.5) -> EdgeLight:

@@ -20,8 +20,9 @@ from evanesce.optics.subsurface import (
     profile_kernel,
     share_within,
 )
+from evanesce.render.fast import patch
 from evanesce.render.fast.fields import fields_of
-from evanesce.render.fast.patch import patch_radiance
+from evanesce.render.fast.patch import patch_light, patch_radiance
 from evanesce.render.fast.subsurface import body_light
 from evanesce.rig import Scene, load_scene
 
@@ -217,6 +218,21 @@ def test_subsurface_scattering_lights_grooves_and_conserves_light() -> None:
     # The same light leaves; grooves send 0.55 of it back for a further round, of which 0.4 is absorbed, but what leaves
     # there for the lens's direction passes two surfaces: in all within a third.
     assert bright.sum() / plain.sum() == pytest.approx(1.0, abs=0.33)
+
+
+def test_light_beside_a_contact_is_that_of_the_whole_grid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only where there is contact or a thin film is the coupling computed; scattered light leaves everywhere."""
+    scene = ridged(contact={"law": "hertz", "reduced_modulus_MPa": 4.0})
+    state, effect = contact_state(scene, 1.3), all_effects()["lateral_glow"]
+    fields = fields_of(effect.apply(scene, effect.parameters(share=0.6, length_mm=0.6), Context(scene, 1)))
+    light = patch_light(fields, state)
+    box = patch.InterfaceBox.of(state, float(fields.gaps[-1]), 2)
+    assert box.gap.size < 0.5 * light.radiance.size
+    monkeypatch.setattr(patch, "_coupled_part", lambda gap, share, end: np.s_[:, :])
+    whole = patch_light(fields, state)
+    np.testing.assert_allclose(light.radiance, whole.radiance, atol=2e-5 * float(whole.radiance.max()))
+    np.testing.assert_allclose(light.cover, whole.cover, atol=1e-6)
+    assert light.radiance[: box.row].max() > 0.0
 
 
 def test_a_scattered_share_mixes_both_kinds_of_return() -> None:

@@ -266,7 +266,8 @@ class Fitter:
         ----------
         found : JointFit
         """
-        width = np.sqrt(np.diag(found.solution.covariance))
+        # What a bound holds has next to no deviation; the data's own is meant.
+        width = np.sqrt(np.diag(np.linalg.inv(found.solution.precision)))
         rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), width)
         return Slopes(rows, rows, found.solution.values)
 

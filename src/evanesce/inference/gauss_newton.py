@@ -114,13 +114,6 @@ class Solution:
         return self.slopes.rows
 
     @property
-    def moved(self) -> float:
-        """How far the parameters are from where derivatives were made [posterior standard deviations], the farthest."""
-        if self.slopes.at is None:
-            return float(np.inf)
-        return float(np.abs((self.values - self.slopes.at) / np.sqrt(np.diag(self.covariance))).max(initial=0.0))
-
-    @property
     def covariance(self) -> Array:
         """Posterior covariance (n, n); of what is held next to none."""
         stiff = np.where(self.held, HELD * np.diag(self.precision), 0.0)

@@ -260,15 +260,16 @@ class Fitter:
         return JointFit(taken, parameters, point_of(solution.values), solution, metric, residual, len(self.fields))
 
     def slopes_about(self, found: JointFit) -> Slopes:
-        """Return the derivatives of a fit's parameters where it ended, over no more than posterior deviations.
+        """Return the derivatives of a fit's parameters where it ended, over steps that their priors allow.
+
+        The slope at a point says little of how far a parameter may be whose law bends within its posterior: adhesion
+        goes by a root, and is never as well determined as its slope near nothing promises.
 
         Parameters
         ----------
         found : JointFit
         """
-        # What a bound holds has next to no deviation; the data's own is meant.
-        width = np.sqrt(np.diag(np.linalg.inv(found.solution.precision)))
-        rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), width)
+        rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), None)
         return Slopes(rows, rows, found.solution.values)
 
     def _jacobian(

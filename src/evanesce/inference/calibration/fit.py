@@ -54,8 +54,6 @@ PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
 LOAD = "@force["
 """Names of the loads of single frames begin so."""
-NEAR = 3.0
-"""Posterior standard deviations within which derivatives are the same: the model is linear over what the data allow."""
 
 
 @dataclass(frozen=True)
@@ -177,13 +175,9 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
         start, best, into, lacking, off = _joint(refilmed(bundle, start, best, tell), exclude, tell)
     model = start.model
     tell("intervals")
-    # Derivatives that steps corrected (Broyden) overstate what the data determine: those of intervals were made by
-    # differences, where the fit has ended or next to it.
-    slopes = best.solution.slopes
-    if not slopes.fresh:
-        near = slopes.made if best.solution.moved < NEAR else None
-        made = start.fitter.slopes_about(best) if near is None else replace(slopes, rows=near)
-        best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=0)
+    # Derivatives that steps corrected (Broyden) overstate what the data determine.
+    made = start.fitter.slopes_about(best)
+    best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=0)
     discrepancy = discrepancy_of(model)
     forms, shares = form_errors(discrepancy, best)
     tied = np.concatenate([discrepancy.every_row(best), forms, _loads(model, best)])

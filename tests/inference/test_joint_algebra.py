@@ -123,9 +123,7 @@ def test_derivatives_are_made_anew_only_where_steps_have_left_them():
     assert all(0.0 < w.max() < 2.0 for w in calls)
     made = jacobian(found.values, None, None)[0]
     calls.clear()
-    again = fit(
-        model, jacobian, 30 * data, loose(2), found.values, metric=none, slopes=Slopes(made, made, found.values)
-    )
+    again = fit(model, jacobian, 30 * data, loose(2), found.values, metric=none, slopes=Slopes(made, made))
     assert again.slopes.fresh
     assert not calls
     stale = fit(model, jacobian, data, loose(2), found.values, metric=none, slopes=Slopes(made), rounds=40)
@@ -186,6 +184,45 @@ def test_derivatives_of_the_last_anchor_serve_the_next():
     found = fitter.relinearised([], {})
     assert found.solution.slopes.fresh
     assert model.differentiated == 2
+
+
+class Stepped:
+    """A bent prediction that notes over which steps, and to how many sides, it was differentiated."""
+
+    unexplained, factor = 0.0, 1
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[float, bool]] = []
+        self.observed = self.vector({"@a": 2.0})
+
+    def anchor(self, point: Any) -> None: ...
+
+    def vector(self, point: Any) -> Any:
+        return 50.0 * np.array([point.get("@a", 0.0) ** 3, 0.0])
+
+    def derivative(self, point: Any, parameter: Parameter) -> Any:
+        self.asked.append((parameter.step, parameter.one_sided))
+        return np.array([150.0 * point["@a"] ** 2, 0.0])
+
+    derivatives = one_by_one
+
+
+def test_a_fit_is_differentiated_over_what_its_data_allow_and_its_intervals_over_the_priors_step():
+    """At 2 the data allow 1 / 600; a step of 0.5, to either side, is what the prior has."""
+    model: Any = Stepped()
+    fitter = object.__new__(Fitter)
+    fitter.model, fitter.observed, fitter.jitter = model, model.observed, ()
+    fitter._evaluated_at, fitter._differentiated_at = {}, {}
+    fitter.nuisances = (Parameter(name="@a", deviation=2.0, step=0.5, bounds=(-9.0, 9.0)),)
+    found = fitter.relinearised([], {"@a": 1.0})
+    first, *later = model.asked
+    assert first == (0.5, False)
+    assert later
+    assert all(one_sided and step < 0.02 for step, one_sided in later)
+    assert found.point["@a"] == pytest.approx(2.0, abs=0.01)
+    model.asked.clear()
+    fitter.slopes_about(found)
+    assert model.asked == [(0.5, False)]
 
 
 class Costly:

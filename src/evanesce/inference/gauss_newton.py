@@ -67,13 +67,10 @@ class Slopes:
         Whitened, corrected by the steps taken.
     made : ndarray (n, d), optional
         As differences made them last; None where they were made of each parameter elsewhere.
-    at : ndarray (n,), optional
-        Values where those were made.
     """
 
     rows: Array
     made: Array | None = None
-    at: Array | None = None
 
     @property
     def fresh(self) -> bool:
@@ -224,7 +221,7 @@ def fit(
     def made(width: Array | None) -> tuple[Slopes, Array]:
         rows, there = jacobian(values, predicted, width)
         rows = np.array(rows, float)
-        return Slopes(rows, rows, values), there
+        return Slopes(rows, rows), there
 
     if slopes is None:
         slopes, predicted = made(None)

@@ -270,7 +270,7 @@ class Fitter:
         found : JointFit
         """
         rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), None)
-        return Slopes(rows, rows, found.solution.values)
+        return Slopes(rows, rows)
 
     def _jacobian(
         self, parameters: Sequence[Parameter], point: Mapping[str, float], linear: Linear, width: Array | None
@@ -292,8 +292,8 @@ class Fitter:
         # What takes longest first: processes that share the work end together.
         made = self._derivatives({**point, **linear.point}, sorted(asked, key=lambda p: p.name not in anew))
         linear.rows |= {name: made[name] for name in anew}
-        self._evaluated_at |= linear.point
-        self._differentiated_at |= {name: point[name] for name in anew}
+        for places in (self._evaluated_at, self._differentiated_at):
+            places |= {name: point[name] for name in anew}
         return np.array([linear.rows[p.name] if p.name in linear.rows else made[p.name] for p in parameters], float)
 
     def predicted(self, point: Mapping[str, float], taken: Sequence[Taken]) -> Array:

@@ -99,9 +99,9 @@ def flank_irradiance_around(scene: Scene, finger: PressedFinger, radiances: Arra
     """
     spill, haze = _of(scene).spill, _of(scene).haze
     total: Any = np.zeros((len(finger.rings()[0]), AZIMUTHS))
-    where = digest([unit_digest(scene), scene.finger.diffuse_reflectance, repr(finger)])
     if spill.share > 0:
         height = spill.height_mm
+        where = digest([unit_digest(scene), scene.finger.diffuse_reflectance, repr(finger)])
         table = kept("flank surroundings", f"spill {height} {where}", lambda: _spill_table(scene, finger, height))
         total = total + spill.share * np.tensordot(radiances, table, 1)
     if haze.top_share > 0 or haze.bottom_share > 0:
@@ -109,8 +109,7 @@ def flank_irradiance_around(scene: Scene, finger: PressedFinger, radiances: Arra
         n = scene.plate.refractive_index
         through = (1.0 - external_diffuse_reflectance(n)) / n**2
         upwards = haze_radiance(haze.top_share, here) + haze_radiance(haze.bottom_share, here) * through
-        table = _haze_table(scene, finger)
-        total = total + np.pi * float(upwards) * table
+        total = total + np.pi * float(upwards) * _haze_table(scene, finger)
     return np.asarray(total)
 
 

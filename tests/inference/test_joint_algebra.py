@@ -246,6 +246,18 @@ class Costly:
     derivatives = one_by_one
 
 
+def test_what_takes_seconds_and_was_evaluated_nowhere_yet_stands_at_its_null():
+    """A fit about an anchor that is there already: its second anchor asks where the first one's line began."""
+    own = Parameter(name="c:x", null=0.5, deviation=3.0, step=0.01, bounds=(-9.0, 9.0))
+    fitter = object.__new__(Fitter)
+    model: Any = Costly(Costly(None).vector({"c:x": 1.5}))
+    fitter.model, fitter.observed, fitter.jitter, fitter.nuisances = model, model.observed, (), ()
+    fitter._evaluated_at, fitter._differentiated_at = {}, {}
+    taken = Taken(SimpleNamespace(id="c", costly=True), (own,), {"c:x": np.array([300.0, 0.0])})
+    found = fitter.relinearised([taken], {"c:x": 0.5}, anchored=True)
+    assert found.point["c:x"] == pytest.approx(1.5, abs=0.01)
+
+
 @pytest.mark.parametrize(("true", "anew"), [(1.05, False), (1.5, True)])
 def test_what_takes_seconds_is_evaluated_again_only_where_a_straight_line_does_not_reach(true, anew):
     """Five per cent farther is 15 standard deviations, but a line leaves 0.02 (0.05)^2 300 = 0.015 of them."""

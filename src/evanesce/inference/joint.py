@@ -177,15 +177,16 @@ class Linear:
 
     Parameters
     ----------
-    rows : mapping of str to ndarray (d,)
-        Whitened derivatives.
+    taken : sequence of Taken
+        Causes with whitened derivatives (d,) by such parameters.
     evaluated : mapping of str to float
-        Where, of these parameters and others.
+        Where, of these parameters and others; what was evaluated nowhere yet is at its null.
     """
 
-    def __init__(self, rows: Mapping[str, Array], evaluated: Mapping[str, float]) -> None:
-        self.rows = dict(rows)
-        self.point = {name: evaluated.get(name, 0.0) for name in rows}
+    def __init__(self, taken: Sequence[Taken], evaluated: Mapping[str, float]) -> None:
+        self.rows = _slow(taken)
+        nulls = {p.name: p.null for t in taken for p in t.parameters}
+        self.point = {name: evaluated.get(name, nulls[name]) for name in self.rows}
 
     def predicted(self, model: Model, point: Mapping[str, float]) -> Array:
         """Return the whitened prediction (d,) at a point."""
@@ -238,7 +239,7 @@ class Fitter:
             See :func:`evanesce.inference.gauss_newton.fit`.
         """
         parameters = (*(p for t in taken for p in t.parameters), *self.nuisances)
-        linear = Linear(_slow(taken), self._evaluated_at)
+        linear = Linear(taken, self._evaluated_at)
 
         def point_of(values: Array) -> dict[str, float]:
             return {**start, **{p.name: float(v) for p, v in zip(parameters, values, strict=True)}}
@@ -269,7 +270,7 @@ class Fitter:
         ----------
         found : JointFit
         """
-        rows = self._jacobian(found.parameters, found.point, Linear(_slow(found.taken), self._evaluated_at), None)
+        rows = self._jacobian(found.parameters, found.point, Linear(found.taken, self._evaluated_at), None)
         return Slopes(rows, rows)
 
     def _jacobian(
@@ -304,7 +305,7 @@ class Fitter:
         InputError
             If the rig cannot have these values.
         """
-        return Linear(_slow(taken), self._evaluated_at).predicted(self.model, point)
+        return Linear(taken, self._evaluated_at).predicted(self.model, point)
 
     def relinearised(
         self,
@@ -341,18 +342,18 @@ class Fitter:
         """
         point = dict(start)
         slopes = known if isinstance(known, Slopes) else None
-        slow = _slow(taken)
         found: JointFit | None = None
         began = time.monotonic()
         for number in range(anchors):
             if found is not None:
                 left = (anchors - number) * (time.monotonic() - began) / number
                 tell(f"{_misfit(found)} after pass {number} of {anchors} at most; some {left:.0f} s left")
-                self._evaluated_at |= {name: point[name] for name in slow if self._left(found, name)}
+                lines = Linear(taken, self._evaluated_at).point.items()
+                self._evaluated_at = {name: point[name] if _left(found, name, at) else at for name, at in lines}
                 there = {**point, **self._evaluated_at}
                 self.model.anchor(there)
             elif anchored:
-                there = {**point, **Linear(slow, self._evaluated_at).point}
+                there = {**point, **Linear(taken, self._evaluated_at).point}
             else:
                 there = self.stand(taken, point)
             taken = [self._secants(t, there) for t in taken]
@@ -412,12 +413,6 @@ class Fitter:
         }
         return replace(taken, slow={**taken.slow, **rows})
 
-    def _left(self, fitted: JointFit, name: str) -> bool:
-        """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
-        place = [p.name for p in fitted.parameters].index(name)
-        sd = float(np.sqrt(fitted.solution.covariance[place, place]))
-        return _beyond(fitted.point[name], self._evaluated_at[name], fitted.parameters[place].null, sd)
-
     def derivatives(self, point: Mapping[str, float], parameters: Sequence[Parameter]) -> list[Array]:
         """Return whitened derivatives (bins,) at a point, in the order of some parameters.
 
@@ -458,6 +453,13 @@ def _with_rows(slopes: Slopes, taken: Sequence[Taken], rows: Mapping[str, Array]
 def _over(parameter: Parameter, width: float) -> Parameter:
     """Return a parameter that is differentiated over no more than a posterior deviation, to one side."""
     return replace(parameter, step=width, one_sided=True) if width < parameter.step else parameter
+
+
+def _left(fitted: JointFit, name: str, evaluated: float) -> bool:
+    """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
+    place = [p.name for p in fitted.parameters].index(name)
+    sd = float(np.sqrt(fitted.solution.covariance[place, place]))
+    return _beyond(fitted.point[name], evaluated, fitted.parameters[place].null, sd)
 
 
 def _beyond(value: float, evaluated: float, null: float, width: float) -> bool:

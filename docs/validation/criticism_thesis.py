@@ -17,7 +17,8 @@ import matplotlib.pyplot as plt
 from evanesce.bundle import read_bundle
 from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
-from evanesce.inference.joint import Fitter, Taken
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import Taken
 from evanesce.inference.series.critic import observation_of
 from evanesce.inference.series.model import SeriesModel
 from evanesce.inference.series.rows import rows_of

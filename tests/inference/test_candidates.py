@@ -1,10 +1,13 @@
 """Effects of the library as candidates: a new file is one more."""
 
+import math
 import textwrap
 
 import pytest
 
 import evanesce.effects
+from evanesce.contact.solve import contact_state
+from evanesce.effects import Context, Stage, active_effects, apply_stage
 from evanesce.prediction.candidates import candidates_of
 from evanesce.prediction.point import scene_with
 from evanesce.prediction.views import View
@@ -55,3 +58,33 @@ def test_believed_effects_are_where_a_candidate_starts():
     found = {c.id: c for c in candidates_of(scene, {"press"})}["vignetting"]
     assert {p.name: p.null for p in found.parameters}["vignetting:k"] == 0.2
     assert scene_with(scene, {"vignetting:k": 0.25}).effects["vignetting"]["k"] == 0.25
+
+
+def test_a_point_has_coordinates_and_a_scene_has_values():
+    """Work of adhesion by its root, the onset of creep by its logarithm; their priors are as wide there."""
+    scene = load_scene("thesis")
+    found = {c.id: c for c in candidates_of(scene, {"press", "time"})}
+    (work,) = found["adhesion"].parameters
+    onset = next(p for p in found["creep"].parameters if p.name == "creep:onset_s")
+    assert (work.null, work.bounds[0], work.deviation) == (0.0, 0.0, pytest.approx(math.sqrt(0.05)))
+    assert (onset.null, onset.bounds) == (pytest.approx(-1.0), (pytest.approx(-4.0), pytest.approx(4.0)))
+    assert onset.deviation == pytest.approx(math.log10(1.1 / 0.1))
+    made = scene_with(scene, {work.name: 0.3, "creep:per_decade": 0.05, onset.name: 0.5}).effects
+    assert made["adhesion"]["work_J_per_m2"] == pytest.approx(0.09)
+    assert made["creep"]["onset_s"] == pytest.approx(math.sqrt(10.0))
+    believed = load_scene("thesis", {"effects.adhesion.work_J_per_m2": 0.04})
+    (own,) = {c.id: c for c in candidates_of(believed, {"press"})}["adhesion"].parameters
+    assert (own.null, own.deviation) == (pytest.approx(0.2), pytest.approx(0.3 - 0.2))
+
+
+def test_area_is_nearly_a_straight_line_of_the_root_of_the_work():
+    """By the work itself the slope at nothing is infinite; by its root half the step gives half the area, to 5 %."""
+    scene = load_scene("thesis", {"contact.law": "hertz"})
+
+    def area(root: float) -> float:
+        there = scene_with(scene, {"adhesion:work_J_per_m2": root})
+        rig = apply_stage(Stage.RIG, there, active_effects(there), Context(there, 0))
+        return contact_state(rig, 2.0).nominal_contact_area
+
+    none, half, whole = (area(root) for root in (0.0, 0.05, 0.1))
+    assert (half - none) / (whole - none) == pytest.approx(0.5, rel=0.05)

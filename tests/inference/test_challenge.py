@@ -39,9 +39,12 @@ from challenge.strength import (
     within_bins,
 )
 from evanesce.bundle import read_bundle
+from evanesce.bundle.card_light import card_light
+from evanesce.bundle.layout import Shot
 from evanesce.effects import all_effects
 from evanesce.effects.readout.saturation import softened
 from evanesce.effects.readout.tone_curve import departed
+from evanesce.render.cards import pose_of, square_of
 
 FOLDER = Path(__file__).parent / "challenge"
 FORBIDDEN = (
@@ -246,6 +249,39 @@ def test_every_cause_shows_and_is_a_number_everywhere(rig, name: str, recipe: bo
     change = means(rig, [(cause, min(5 * cause.start, 0.5 * cause.limit))]) - ruler("tiny", 0).base
     assert np.isfinite(change).all()
     assert ruler("tiny", 0).norm(change) > 0.01
+
+
+def test_pixels_see_the_points_of_the_plate_that_the_rig_projects_them_to(rig) -> None:
+    """Snell's law and a polynomial on one side, the project's projection on the other; back and forth."""
+    at = rig.at
+    reach = at.distance_mm + at.thickness_mm * at.in_glass(at.ray_x**2 + at.ray_y**2)
+    np.testing.assert_allclose([at.ray_x * reach, at.ray_y * reach], [at.x, at.y], atol=1e-8)
+    for u, v in (at.seen_before(at.x, at.y), at.raised(0.0), at.leaning(0.0, (0.6, 0.8))):
+        np.testing.assert_allclose([u, v], [at.u, at.v], atol=1e-12)
+
+
+@pytest.mark.parametrize(("name", "recipe"), [("card_offset", False), ("square_size", False), ("square_size", True)])
+def test_a_card_that_lies_or_is_printed_otherwise_is_the_picture_of_such_a_card(rig, name: str, recipe: bool) -> None:
+    """Rendered anew, a card 0.4 mm higher or printed 2 % larger is what its first picture was made into.
+
+    But for the edge of its paper, which a print of another size does not move, and for a print of another shape.
+    """
+    amplitude = {"card_offset": 0.4, "square_size": 0.02}[name]
+    cause, square = (
+        make_cause(name, rig, 4, 1, recipe=recipe),
+        View("square", Shot(index=0, time_s=0.0, force_N=0.0, voltage_V=9.0)),
+    )
+    made = cause.light(rig.base.cards["square"].astype(float), square, amplitude)
+    lying = pose_of(rig.scene.card, rigs.pose_of_case("tiny", 0)[1])
+    fine, printed = rigs._fine_at(rig.scene, (0.0, 0.0)), square_of(rig.scene.card)
+    if name == "card_offset":
+        lying = replace(lying, height=lying.height + amplitude)
+    else:
+        printed = replace(printed, side=printed.side * (1.0 + cause.parameter(amplitude)[1]))
+    anew = rigs.irradiance(fine, card_light(fine, printed, lying, view=rigs.fine_view(fine)))
+    shown = np.hypot(rig.at.x, rig.at.y) < 0.5 * printed.side + 0.4 * printed.margin
+    change, wrong = (np.abs(one - anew)[shown].sum() for one in (rig.base.cards["square"], made))
+    assert wrong < 0.12 * change  # pixels of this rig are coarse: on four times as fine ones a hundredth
 
 
 @pytest.mark.parametrize(("name", "recipe"), [("black_level", False), ("modulus", True)])

@@ -17,7 +17,8 @@ from evanesce.inference.calibration.intervals import intervals
 from evanesce.inference.causes import causes_of
 from evanesce.inference.data import data_vector
 from evanesce.inference.discrepancy import Discrepancy
-from evanesce.inference.joint import Fitter, JointFit, Taken
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.observe import observe
 

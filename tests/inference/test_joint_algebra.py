@@ -18,7 +18,8 @@ from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
-from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
+from evanesce.inference.joint import Fitter, taken_from
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.judge import Judge
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
@@ -207,8 +208,8 @@ class Stepped:
     derivatives = one_by_one
 
 
-def test_a_fit_is_differentiated_over_what_its_data_allow_and_its_intervals_over_the_priors_step():
-    """At 2 the data allow 1 / 600; a step of 0.5, to either side, is what the prior has."""
+def test_fits_and_intervals_are_differentiated_over_what_the_data_allow():
+    """At 2 the data allow 1 / 600; a step of 0.5, to either side, is what the prior has, by which a fit begins."""
     model: Any = Stepped()
     fitter = object.__new__(Fitter)
     fitter.model, fitter.observed, fitter.jitter = model, model.observed, ()
@@ -222,7 +223,9 @@ def test_a_fit_is_differentiated_over_what_its_data_allow_and_its_intervals_over
     assert found.point["@a"] == pytest.approx(2.0, abs=0.01)
     model.asked.clear()
     fitter.slopes_about(found)
-    assert model.asked == [(0.5, False)]
+    width = pytest.approx(1 / 600, rel=0.01)
+    assert [(abs(step), one_sided) for step, one_sided in model.asked] == [(width, True)] * 2
+    assert model.asked[0][0] == -model.asked[1][0]
 
 
 class Costly:

@@ -17,7 +17,7 @@ from evanesce.bundle.read import read_bundle
 from evanesce.cli.app import app
 from evanesce.core.errors import InputError, WorkError
 from evanesce.effects import all_effects
-from evanesce.inference.card_start import board_inverted, card_start
+from evanesce.inference.card_start import board_inverted, card_start, on_prints
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
@@ -35,7 +35,7 @@ from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.processes import KEEP, present, processes, shares
 from evanesce.prediction.views import BIN_PX, View
-from evanesce.render.cards import checkerboard_of
+from evanesce.render.cards import checkerboard_of, square_of
 from evanesce.rig import Cards, load_scene
 
 runner = CliRunner()
@@ -367,3 +367,47 @@ def test_an_inverted_board_is_black_where_the_other_is_white():
     assert found[0, 0] == pytest.approx(card.black)
     assert found[0, 1] == found[1, 0] == pytest.approx(card.white)
     assert found.mean() == pytest.approx((card.black + card.white) / 2)
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_soft_pixels_are_means_by_a_triangle(inverted):
+    """Against a sum over 400 sub-pixels a side, at the print's edges and corners, and beyond the paper."""
+    card = checkerboard_of(Cards(checkerboard_squares=(5, 4), checkerboard_side_mm=2.0, checkerboard_inverted=inverted))
+    pixel = 0.31
+    x, y = np.meshgrid(pixel * np.arange(-34, 35) + 0.07, pixel * np.arange(-30, 31) - 0.05)
+    found = mean_reflectance(card, x, y, soft=True)
+    t = (np.arange(400) + 0.5) / 200 - 1.0
+    weight = (1.0 - np.abs(t)) / np.sum(1.0 - np.abs(t))
+    for k, i in ((30, 34), (17, 18), (4, 34), (30, 17), (0, 0), (43, 51)):
+        points = mean_reflectance(card, *np.meshgrid(x[k, i] + pixel * t, y[k, i] + pixel * t))
+        assert found[k, i] == pytest.approx(weight @ points @ weight, abs=1e-3)
+
+
+def test_soft_pixels_change_with_an_edges_place_by_a_slope_without_steps():
+    """A tenth of a pixel on, the slope of a hard pixel's share of paper jumps from nothing to all; that of a soft one
+    changes by a tenth."""
+    card = square_of(Cards(square_side_mm=10.0))
+    x, y = np.meshgrid(np.arange(-8.0, 9.0), np.arange(-1.0, 2.0))
+
+    def slopes(soft):
+        shares = np.array([mean_reflectance(card, x + s, y, soft=soft)[1] for s in np.arange(0.0, 1.0, 0.02)])
+        return np.abs(np.diff(shares, n=2, axis=0)).max() / np.abs(np.diff(shares, axis=0)).max()
+
+    assert slopes(False) > 0.4
+    assert slopes(True) < 0.03
+
+
+def test_paper_beyond_the_middle_of_its_margin_does_not_count(tiny):
+    """An 8 mm square with 2 mm of margin, 0.8 mm to the right: bins within 5 mm of its middle count, presses whole."""
+    observation = observe(read_bundle(tiny))
+    square = replace(observation.views[0], kind="square", force_N=None)
+    images = np.repeat(observation.images[:1], 2, axis=0)
+    scene = observation.scene.model_copy(update={"card": Cards(square_side_mm=8.0, square_margin_mm=2.0)})
+    shown = replace(observation, scene=scene, views=(observation.views[0], square), images=images)
+    press, card = on_prints(shown, {"@pose_x[square]": 0.8})
+    assert press.all()
+    rows, cols = card.shape
+    projection = Projection.of(scene.camera, scene.plate)
+    x, y = projection.to_plate(*np.meshgrid(4 * np.arange(cols) + 1.5, 4 * np.arange(rows) + 1.5))
+    np.testing.assert_array_equal(card, (np.abs(x - 0.8) < 5.0) & (np.abs(y) < 5.0))
+    assert 0 < card.sum() < card.size

@@ -27,7 +27,8 @@ from evanesce.inference.critic import _place
 from evanesce.inference.data import data_vector
 from evanesce.inference.gate import gate_of
 from evanesce.inference.gauss_newton import Slopes, Solution
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.search import Search

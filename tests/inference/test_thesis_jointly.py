@@ -221,7 +221,7 @@ class Line:
 def test_sampled_evidence_is_the_integral(at: float, low: float):
     """Also where the data push a parameter against its bound."""
     from evanesce.inference.gauss_newton import Slopes, Solution
-    from evanesce.inference.joint import JointFit
+    from evanesce.inference.joint_fit import JointFit
     from evanesce.prediction.linear import Metric
 
     rows, sd = np.array([1.0, 2.0, -1.0]), np.array([0.5, 0.8, 0.7])

@@ -13,6 +13,7 @@ from evanesce.core.quantities import Strict, field
 from evanesce.core.resources import resource
 from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import OBSERVABLES, Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects.inference_hints import LOG10, ROOT
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.camera import Distortion
@@ -214,9 +215,20 @@ def test_one_number_of_a_pair_and_counts_can_be_fitted() -> None:
         effect.with_values({"b_deg": 7.5})
 
 
+def test_a_departure_is_as_plausible_in_its_coordinate() -> None:
+    (angle,) = pair(fitted={"b_deg": 2.0}, coordinates={"b_deg": ROOT}).candidate_parameters()
+    assert angle.spread == pytest.approx(2.0**0.5)
+    assert angle.away(1.0) == pytest.approx(2.0)
+    assert angle.away(0.5) == pytest.approx(0.5)
+    assert angle.away(-1.0) == 0.0
+    assert angle.away(9.0) == pytest.approx(7.0)
+
+
 @pytest.mark.parametrize(
     ("more", "words"),
     [
+        ({"coordinates": {"first": ROOT}}, "not fitted"),
+        ({"coordinates": {"a_um": LOG10}}, "no coordinate of a_um"),
         ({"fitted": {"c": 1.0}}, "no parameter c"),
         ({"fitted": {"place_mm": 1.0}}, "not one number"),
         ({"fitted": {"place_mm[2]": 1.0}}, "not one number"),

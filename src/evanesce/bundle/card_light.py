@@ -34,6 +34,7 @@ def card_light(
     illumination: Illumination | None = None,
     view: IdealView | None = None,
     points: tuple[Array, Array, Array] | None = None,
+    soft: bool = False,
 ) -> PlateLight:
     """Return the light of a card under even illumination, LEDs off.
 
@@ -50,6 +51,9 @@ def card_light(
         Pinhole grid; the one that covers the frame by default.
     points : tuple of ndarray, optional
         :func:`plane_points` of that view and the card's height, where they are known.
+    soft : bool
+        Weigh each pixel's footprint by a triangle that reaches to its neighbours' middles instead of evenly: what a
+        pixel shows then has a derivative by where an edge lies that changes with no step.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def card_light(
     view = projection.ideal_view() if view is None else view
     x, y, cosine = points or plane_points(projection, view, pose.height)
     if pose.tilt_x_deg == 0.0 and pose.tilt_y_deg == 0.0:
-        albedo = mean_reflectance(card, *_on_card(pose, x, y))
+        albedo = mean_reflectance(card, *_on_card(pose, x, y), soft=soft)
     else:
         albedo = _counted(projection, card, pose, view)
     seen = illumination.radiance * through_glass(scene, albedo, cosine, _mean_albedo(card))
@@ -114,7 +118,7 @@ def _on_card(pose: Pose, x: Array, y: Array) -> tuple[Array, Array]:
     return np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
 
 
-def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
+def mean_reflectance(card: Card, x: Array, y: Array, *, soft: bool = False) -> Array:
     """Return the mean reflectance of each pixel.
 
     Parameters
@@ -122,6 +126,8 @@ def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
     card : Card
     x, y : ndarray (rows, cols)
         Card coordinates of the pixels' middles [mm].
+    soft : bool
+        See :func:`card_light`.
 
     Returns
     -------
@@ -130,30 +136,66 @@ def mean_reflectance(card: Card, x: Array, y: Array) -> Array:
     """
     wide, high = np.abs(np.gradient(x, axis=1)), np.abs(np.gradient(y, axis=0))
     width, height = card.size
-    inside = _covered(x, wide, width / 2) * _covered(y, high, height / 2)
-    whole = _covered(x, wide, width / 2 + card.margin) * _covered(y, high, height / 2 + card.margin)
+    mean = _softly if soft else _evenly
+
+    def covered(half_x: float, half_y: float) -> Array:
+        return mean(_Window(half_x), x, wide) * mean(_Window(half_y), y, high)
+
+    inside, whole = covered(width / 2, height / 2), covered(width / 2 + card.margin, height / 2 + card.margin)
     if card.squares is None:
         field, border = (card.black, card.white) if card.inverted else (card.white, card.black)
         return np.asarray(field * inside + border * (whole - inside))
     # White where column and row have the same parity, if not inverted: the product of two square waves is +1 there.
-    waves = _square_wave(x, wide, width / 2, card.side) * _square_wave(y, high, height / 2, card.side)
-    mean, half = (card.white + card.black) / 2, (-1 if card.inverted else 1) * (card.white - card.black) / 2
-    return np.asarray(mean * inside + half * waves + card.white * (whole - inside))
+    waves = mean(_SquareWave(width / 2, card.side), x, wide) * mean(_SquareWave(height / 2, card.side), y, high)
+    grey, half = (card.white + card.black) / 2, (-1 if card.inverted else 1) * (card.white - card.black) / 2
+    return np.asarray(grey * inside + half * waves + card.white * (whole - inside))
 
 
-def _covered(place: Array, width: Array, half: float) -> Array:
-    """Return the share of [place - width/2, place + width/2] that lies within +-half."""
-    low, high = np.maximum(place - width / 2, -half), np.minimum(place + width / 2, half)
-    return np.clip((high - low) / width, 0.0, 1.0)
+class _Window:
+    """What is 1 within +-half and 0 beyond."""
+
+    def __init__(self, half: float) -> None:
+        self.half = half
+
+    def once(self, t: Array) -> Array:
+        """Return its integral up to t."""
+        return np.asarray(np.clip(t, -self.half, self.half) + self.half)
+
+    def twice(self, t: Array) -> Array:
+        """Return its integral's integral."""
+        inside = self.once(t)
+        return np.asarray(0.5 * inside**2 + 2 * self.half * np.maximum(t - self.half, 0.0))
 
 
-def _square_wave(place: Array, width: Array, half: float, side: float) -> Array:
-    """Return the mean over a width of the wave that starts at -half with +1, turns after each side, and is 0 beyond."""
+class _SquareWave:
+    """What starts at -half with +1, turns after each side, and is 0 beyond half."""
 
-    def integral(t: Array) -> Array:
-        return side - np.abs(np.mod(np.clip(t, -half, half) + half, 2 * side) - side)
+    def __init__(self, half: float, side: float) -> None:
+        self.half, self.side = half, side
 
-    return np.asarray((integral(place + width / 2) - integral(place - width / 2)) / width)
+    def once(self, t: Array) -> Array:
+        """Return its integral up to t."""
+        along = np.clip(t, -self.half, self.half) + self.half
+        return np.asarray(self.side - np.abs(np.mod(along, 2 * self.side) - self.side))
+
+    def twice(self, t: Array) -> Array:
+        """Return its integral's integral."""
+        along = np.clip(t, -self.half, self.half) + self.half
+        whole, part = np.divmod(along, 2 * self.side)
+        rest = np.where(part < self.side, 0.5 * part**2, self.side**2 - 0.5 * (2 * self.side - part) ** 2)
+        beyond = self.once(np.asarray(self.half)) * np.maximum(t - self.half, 0.0)
+        return np.asarray(whole * self.side**2 + rest + beyond)
+
+
+def _evenly(pattern: _Window | _SquareWave, place: Array, width: Array) -> Array:
+    """Return a pattern's mean over [place - width/2, place + width/2]."""
+    return np.asarray((pattern.once(place + width / 2) - pattern.once(place - width / 2)) / width)
+
+
+def _softly(pattern: _Window | _SquareWave, place: Array, width: Array) -> Array:
+    """Return a pattern's mean over [place - width, place + width], weighed by a triangle."""
+    ends = pattern.twice(place + width) + pattern.twice(place - width)
+    return np.asarray((ends - 2 * pattern.twice(place)) / width**2)
 
 
 def _counted(projection: Projection, card: Card, pose: Pose, view: IdealView) -> Array:

@@ -195,8 +195,8 @@ def draw_effect(effect: Effect, strength: float, stream: np.random.Generator) ->
                 start if float(start).is_integer() and start >= 1 else start * float(np.exp(0.5 * normal * strength))
             )
         else:
-            step = strength * candidate.deviation * normal
-            value = candidate.null + (
+            step = strength * normal
+            value = candidate.away(
                 abs(step) if candidate.null == low else -abs(step) if candidate.null == high else step
             )
         values[candidate.name] = float(np.clip(value, low, high))

@@ -63,11 +63,12 @@ class UncertainParameter:
     def value(self, probability: float) -> float:
         """Return the quantile at a probability: of a normal distribution about the null, truncated at the bounds.
 
-        Where the null lies on a bound this is half a normal distribution.
+        In the parameter's coordinate; where the null lies on a bound this is half a normal distribution.
         """
         c = self.candidate
-        low, high = (float(ndtr((bound - c.null) / c.deviation)) for bound in c.bounds)
-        return float(np.clip(c.null + c.deviation * ndtri(low + probability * (high - low)), *c.bounds))
+        null, *bounds = (c.coordinate.of(value) for value in (c.null, *c.bounds))
+        low, high = (float(ndtr((bound - null) / c.spread)) for bound in bounds)
+        return c.away(float(ndtri(low + probability * (high - low))))
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,43 @@ PRIOR_SHARE_OF_BOUNDS = 0.1
 """Plausible departure of an amplitude that names none, over the width of its bounds."""
 
 
+@dataclass(frozen=True)
+class Coordinate:
+    """In which a fit moves a parameter: one of which what is measured is nearly a straight line.
+
+    Attributes
+    ----------
+    of : callable
+        ``of(value)``: coordinate of a value.
+    value : callable
+        ``value(coordinate)``.
+    """
+
+    of: Callable[[float], float]
+    value: Callable[[float], float]
+
+
+def _itself(value: float) -> float:
+    return value
+
+
+def _square(value: float) -> float:
+    return value * value
+
+
+def _power_of_ten(logarithm: float) -> float:
+    return 10.0**logarithm
+
+
+ITSELF = Coordinate(_itself, _itself)
+ROOT = Coordinate(math.sqrt, _square)
+"""Of what acts by its root from nothing on, where it has no finite slope."""
+SQUARE = Coordinate(_square, math.sqrt)
+"""Of what acts by its square, so that it has no slope at nothing."""
+LOG10 = Coordinate(math.log10, _power_of_ten)
+"""Of what is known to a factor."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
     """One parameter that a fit may vary.
@@ -59,6 +96,8 @@ class Candidate:
         Whether the effect grows with it from nothing.
     start : tuple of float
         Values to try where there is no derivative to start from; empty where none are needed.
+    coordinate : Coordinate
+        In which a fit moves it.
     """
 
     name: str
@@ -68,6 +107,23 @@ class Candidate:
     bounds: tuple[float, float]
     amplitude: bool
     start: tuple[float, ...] = ()
+    coordinate: Coordinate = ITSELF
+
+    @property
+    def spread(self) -> float:
+        """Plausible size of a departure in its coordinate."""
+        return self.coordinate.of(self.null + self.deviation) - self.coordinate.of(self.null)
+
+    def away(self, departure: float) -> float:
+        """Return its value at a departure of so many plausible ones from null, within its bounds.
+
+        Parameters
+        ----------
+        departure : float
+        """
+        low, high = (self.coordinate.of(bound) for bound in self.bounds)
+        there = self.coordinate.of(self.null) + departure * self.spread
+        return self.coordinate.value(min(max(there, low), high))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +240,8 @@ class InferenceHints:
         How its signature goes with voltage, force and time, in one line.
     start : mapping of str to float or tuple of float
         Values to try where there is no derivative at null: amplitudes that multiply, numbers that count.
+    coordinates : mapping of str to Coordinate
+        Of parameters that a fit does not move by themselves.
     marks : Marks, optional
         Of an effect that is a set of localised defects, which data may show.
     line : Line, optional
@@ -198,6 +256,7 @@ class InferenceHints:
     needs: tuple[Observable, ...] = ("press",)
     scaling: str = ""
     start: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    coordinates: Mapping[str, Coordinate] = field(default_factory=dict)
     marks: Marks | None = None
     line: Line | None = None
     blot: Blot | None = None
@@ -237,12 +296,13 @@ def candidates(effect: Effect) -> tuple[Candidate, ...]:
     Raises
     ------
     TypeError
-        If ``fitted`` or ``start`` names no parameter, a departure is not a positive number within the bounds'
-        width, or a start lies out of bounds.
+        If ``fitted``, ``start`` or ``coordinates`` names no parameter, a departure is not a positive number within the
+        bounds' width, a start lies out of bounds, or a coordinate is none there.
     """
     deviations = effect.fitted or {}
-    if astray := set(effect.start) - set(deviations):
-        raise TypeError(f"effect {effect.id}: start of {sorted(astray)}, which is not fitted")
+    for what, named in (("start", effect.start), ("coordinate", effect.coordinates)):
+        if astray := set(named) - set(deviations):
+            raise TypeError(f"effect {effect.id}: {what} of {sorted(astray)}, which is not fitted")
     return tuple(_candidate(effect, name, deviation) for name, deviation in deviations.items())
 
 
@@ -287,6 +347,11 @@ def _candidate(effect: Effect, name: str, deviation: float) -> Candidate:
     start = tuple(given) if isinstance(given, tuple) else (float(given),)
     if any(not low <= value <= high for value in start):
         raise TypeError(f"effect {effect.id}: start {start} of {name} (bounds {low:g} to {high:g})")
+    coordinate = effect.coordinates.get(name, ITSELF)
+    try:
+        coordinate.of(low), coordinate.of(high)
+    except ValueError:
+        raise TypeError(f"effect {effect.id}: no coordinate of {name} at its bounds {low:g} and {high:g}") from None
     default = getattr(effect.parameters(), key)
     amplitude = quantity.null is not None and key in effect.amplitudes
     null: Any = quantity.null if amplitude else default if index is None else default[index]
@@ -298,4 +363,5 @@ def _candidate(effect: Effect, name: str, deviation: float) -> Candidate:
         bounds=quantity.bounds,
         amplitude=amplitude,
         start=tuple(float(value) for value in start),
+        coordinate=coordinate,
     )

@@ -13,7 +13,7 @@ from evanesce.inference.consequence import NINETY, AreaReader, Consequence
 from evanesce.inference.constants import LEAST_AREA
 from evanesce.inference.gate import VERSION, Gate
 from evanesce.inference.groups import group_of
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import Model
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import loss_of
@@ -23,7 +23,7 @@ from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import value_of
-from evanesce.prediction.point import scene_with
+from evanesce.prediction.point import natural, scene_with
 from evanesce.rig import Scene, dump_scene
 
 Array = NDArray[Any]
@@ -151,12 +151,13 @@ def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Arra
             low, high = p.bounds
             value = value_of(fitted.point, p)
             ends = (max(value - NINETY * deviation[k], low), min(value + NINETY * deviation[k], high))
-            real = [in_pixels({p.name: float(v)}, factor)[p.name] for v in (value, *ends)]
+            real = [in_pixels({p.name: p.coordinate.value(float(v))}, factor)[p.name] for v in (value, *ends)]
             name = p.name.partition(":")[2]
             parameters[name] = {"value": real[0], "lo": real[1], "hi": real[2], "unit": p.unit}
         for name, value in fitted.point.items():
             effect, _, own = name.partition(":")
             if effect == taken.id and own and own not in parameters:
+                value = natural(name, value)
                 parameters[own] = {"value": value, "lo": value, "hi": value, "unit": ""}
         consequence = areas.of_cause(fitted, taken.id, covariance)
         removed = search.share(loss_of(fitted, taken.id))

@@ -1,4 +1,4 @@
-"""Where a calibration card lies and how bright the room is, roughly, for the fit to begin from.
+"""Where a calibration card lies and how bright the room is, roughly, for the fit to begin from, and what of it counts.
 
 A card that is predicted as white as the scale goes has no derivative by its light, and one that lies beside its place
 by more than its lines are wide none by its place that leads there: a fit from the nominal values would stay there.
@@ -6,6 +6,7 @@ by more than its lines are wide none by its place that leads there: a fit from t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,8 @@ from evanesce.optics.projection import Projection
 from evanesce.prediction import priors
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.predict import Predictor
+from evanesce.prediction.views import BIN_PX
+from evanesce.render.cards import checkerboard_of, square_of
 
 Array = NDArray[Any]
 
@@ -92,6 +95,33 @@ def _shift_mm(observation: Observation, measured: Array, predicted: Array) -> tu
     there = middle + np.array([reach[1] - right, reach[0] - down])
     (x0, x1), (y0, y1) = projection.to_plate(*np.stack([middle, there], axis=1))
     return float(x1 - x0), float(y1 - y0)
+
+
+def on_prints(observation: Observation, point: Mapping[str, float]) -> NDArray[np.bool_]:
+    """Return which bins (views, rows, cols) may count: on a card those up to the middle of the margin about its print.
+
+    Nobody measures how paper was cut, and its edges would tell a card's height from the size of its print.
+
+    Parameters
+    ----------
+    observation : Observation
+    point : mapping
+        Where cards lie, as :func:`card_start` says.
+    """
+    camera, cards = observation.scene.camera, observation.scene.card
+    rows, cols = (int(size) for size in observation.cube.shape[1:])
+    middle = (BIN_PX - 1) / 2
+    col, row = np.meshgrid(BIN_PX * np.arange(cols) + middle, BIN_PX * np.arange(rows) + middle)
+    x, y = Projection.of(camera, observation.scene.plate).to_plate(col, row)
+    found = np.ones(observation.cube.shape, bool)
+    for kind, card in (("checkerboard", checkerboard_of(cards)), ("square", square_of(cards))):
+        shift = (float(point.get(f"@pose_{axis}[{kind}]", 0.0)) for axis in "xy")
+        reach = (0.5 * (size + card.margin) for size in card.size)
+        inside = [np.abs(at - s) < half for at, s, half in zip((x, y), shift, reach, strict=True)]
+        for k, view in enumerate(observation.views):
+            if view.kind == kind:
+                found[k] = np.logical_and(*inside)
+    return found
 
 
 def board_inverted(observation: Observation) -> bool:

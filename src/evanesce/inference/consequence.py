@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.bundle.area import contact_area
 from evanesce.core.errors import InputError
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.observe import model_scene
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.answer import answer, named_causes
+from evanesce.inference.card_start import on_prints
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
@@ -20,7 +21,8 @@ from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
 from evanesce.inference.gate import Gate, GrossDifference, gate_of
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
 from evanesce.inference.marks import MarkSearch
@@ -358,7 +360,9 @@ def _nominal(bundle: Bundle, tell: Tell) -> tuple[Observation, AnchoredModel, Ga
     first = AnchoredModel(observation, data_vector(observation))
     tell("first look: board, field of view, contact, level")
     gate = gate_of(observation, first.coarse)
-    model = with_series(observation, data_vector(observation, first.coarse.cube(gate.start)), bundle)
+    data = data_vector(observation, first.coarse.cube(gate.start))
+    data = replace(data, valid=data.valid & on_prints(observation, gate.start))
+    model = with_series(observation, data, bundle)
     model.coarse = first.coarse
     return observation, model, gate
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from evanesce.core.errors import InputError
 from evanesce.inference.constants import EXTRAPOLATED, OWN_LIGHT, TIED_SHARE, WAVES
 from evanesce.inference.data import DataVector
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.views import binned
 

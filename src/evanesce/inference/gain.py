@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from evanesce.core.rng import generator
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import LEAST_AREA
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.nuisance import nuisance_parameters

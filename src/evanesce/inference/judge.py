@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
 from evanesce.inference.form_noise import noise_along
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.laws import all_laws
 from evanesce.inference.posterior import Further, Posterior, Weights
 from evanesce.inference.power import Power, expected_power

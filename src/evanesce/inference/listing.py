@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from evanesce.effects import Marks
 from evanesce.inference.atoms import Atom, disc_offsets
 from evanesce.inference.causes import Cause
-from evanesce.inference.joint import Taken
+from evanesce.inference.joint_fit import Taken
 from evanesce.inference.model import AnchoredModel
 from evanesce.optics.projection import Projection
 from evanesce.prediction.parameters import Parameter

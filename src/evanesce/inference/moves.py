@@ -15,7 +15,7 @@ from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import LEAST_AREA, SUBSTITUTE, TRIED, WORTH
 from evanesce.inference.explained import Scan
 from evanesce.inference.gauss_newton import Slopes
-from evanesce.inference.joint import JointFit, Taken
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import loss_of
 from evanesce.inference.single_effects import NONE, UNKNOWN

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from evanesce.inference.causes import Entry
 from evanesce.inference.gauss_newton import bounded_step
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]

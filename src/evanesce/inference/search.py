@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, WORTH
-from evanesce.inference.joint import JointFit, Taken
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.marks import NEAR, MarkSearch
 from evanesce.inference.moves import Moves
 from evanesce.inference.posterior import Further, Posterior

@@ -17,7 +17,8 @@ from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause, departure, entries_of
 from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import Slopes
-from evanesce.inference.joint import Fitter, JointFit, Taken, taken_from
+from evanesce.inference.joint import Fitter, taken_from
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.judge import Judge
 from evanesce.inference.removal import Removal, everything_marginalised, removal
 from evanesce.prediction.linear import Metric

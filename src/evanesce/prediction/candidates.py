@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from evanesce.effects import Effect, active_effects, all_effects
 from evanesce.prediction.parameters import STEP_SHARE, Parameter
@@ -70,20 +70,21 @@ def candidates_of(scene: Scene, available: Collection[str], exclude: Collection[
         values = {} if own is None else _numbers(own.model_dump())
         parameters, starts = [], {}
         for entry in effect.candidate_parameters():
-            null = float(values.get(entry.name, entry.null))
+            entry, of = replace(entry, null=float(values.get(entry.name, entry.null))), entry.coordinate.of
             full = f"{name}:{entry.name}"
             parameters.append(
                 Parameter(
                     name=full,
                     unit=entry.unit,
-                    null=null,
-                    deviation=entry.deviation,
-                    bounds=entry.bounds,
-                    step=STEP_SHARE * entry.deviation,
+                    coordinate=entry.coordinate,
+                    null=of(entry.null),
+                    deviation=entry.spread,
+                    bounds=(of(entry.bounds[0]), of(entry.bounds[1])),
+                    step=STEP_SHARE * entry.spread,
                 )
             )
             if entry.start and own is None:
-                starts[full] = entry.start
+                starts[full] = tuple(of(value) for value in entry.start)
         points = [dict(zip(starts, values, strict=True)) for values in itertools.product(*starts.values())]
         missing = tuple(n for n in effect.needs if n not in available)
         found.append(Candidate(effect, tuple(parameters), tuple(points[:MAX_STARTS]) if starts else (), missing))

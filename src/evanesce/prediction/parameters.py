@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.effects.inference_hints import ITSELF, Coordinate
 from evanesce.prediction.point import Point
 from evanesce.prediction.predict import Predictor
 
@@ -27,13 +28,16 @@ class Parameter:
     name : str
         ``effect:parameter`` or ``@nuisance``.
     unit : str
+        Of its values.
+    coordinate : Coordinate
+        In which a point has it, and all that follows here is told.
     null : float
-        Value of the believed rig.
+        That of the believed rig.
     deviation : float
         Prior standard deviation about ``null``.
     bounds : tuple of float
     step : float
-        Of differences.
+        Of differences; below 0, of differences to one side, to the lower one.
     views : tuple of int, optional
         The only views that it touches; None: all.
     linear : bool
@@ -46,6 +50,7 @@ class Parameter:
 
     name: str
     unit: str = "1"
+    coordinate: Coordinate = ITSELF
     null: float = 0.0
     deviation: float
     bounds: tuple[float, float] = (-np.inf, np.inf)
@@ -95,7 +100,7 @@ def derivative(
     if not only:
         raise ValueError(f"{parameter.name} touches none of the views {list(views)}")
     if parameter.one_sided:
-        side = h if at + h <= high else -h
+        side = h if low <= at + h <= high else -h
         found = (cube(at + side) - (predictor.cube(point, only) if base is None else base)) / side
     elif at - h >= low and at + h <= high:
         found = (cube(at + h) - cube(at - h)) / (2 * h)

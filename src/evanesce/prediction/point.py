@@ -1,8 +1,9 @@
 """A point of the joint model: what it changes of the believed scene, and what it says of each view's nuisances.
 
 A departure is a point: a mapping of parameter names to values, where a missing name means "as believed". Parameters
-of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``); nuisances start with
-``@`` (:mod:`evanesce.prediction.nuisance`).
+of effects are named ``effect:parameter`` (``vignetting:k``, ``vignetting:centre_offset_px[0]``) and stand in the
+coordinate in which a fit moves them (:class:`~evanesce.effects.inference_hints.Coordinate`); nuisances start with ``@``
+(:mod:`evanesce.prediction.nuisance`).
 """
 
 from __future__ import annotations
@@ -73,6 +74,21 @@ def nuisances_of(point: Point, view: View, place: int) -> Nuisances:
     )
 
 
+def natural(name: str, coordinate: float) -> float:
+    """Return the value of a point's number in its unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter, or of a nuisance, which stands for itself.
+    coordinate : float
+        As the point has it.
+    """
+    effect, colon, parameter = name.partition(":")
+    known = all_effects()[effect].coordinates if colon and effect in all_effects() else {}
+    return known[parameter].value(coordinate) if parameter in known else coordinate
+
+
 def scene_with(scene: Scene, point: Point, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:
     """Return the scene with a point's effects switched on; parameters that it does not name stay as believed.
 
@@ -87,7 +103,7 @@ def scene_with(scene: Scene, point: Point, fixed: Mapping[str, Mapping[str, Any]
     for name, value in point.items():
         effect, colon, parameter = name.partition(":")
         if colon:
-            changes.setdefault(effect, {})[parameter] = value
+            changes.setdefault(effect, {})[parameter] = natural(name, value)
     tables = {name: dict(table) for name, table in scene.effects.items()}
     for effect, values in changes.items():
         believed: dict[str, Any] = {

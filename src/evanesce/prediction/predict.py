@@ -304,7 +304,7 @@ class Predictor:
             (sight(rig), pose.height),
             lambda: plane_points(Projection.of(rig.camera, rig.plate), ideal, pose.height),
         )
-        return card_light(rig, card, pose, view=ideal, points=points)
+        return card_light(rig, card, pose, view=ideal, points=points, soft=True)
 
     def _gathered(
         self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context

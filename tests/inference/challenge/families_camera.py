@@ -12,10 +12,9 @@ from .rig import FINER, View
 
 
 def moved(fine: np.ndarray, du: np.ndarray, dv: np.ndarray) -> np.ndarray:
-    """Return an image whose content moves by (du, dv) fine pixels, small, to second order in them."""
-    gv, gu = np.gradient(fine)
-    guu, gvv, guv = np.gradient(gu, axis=1), np.gradient(gv, axis=0), np.gradient(gu, axis=0)
-    return fine - du * gu - dv * gv + 0.5 * du * du * guu + du * dv * guv + 0.5 * dv * dv * gvv
+    """Return an image in which each pixel shows what was seen (du, dv) fine pixels before it, by cubic splines."""
+    row, col = np.mgrid[: fine.shape[0], : fine.shape[1]].astype(float)
+    return ndimage.map_coordinates(fine, [row - dv, col - du], order=3, mode="nearest")
 
 
 class BlackLevel(Hidden):
@@ -204,7 +203,7 @@ class SensorDust(Hidden):
 
 
 class PlateTilt(Hidden):
-    """The picture re-projected from a plate that leans: a homography about the optical axis."""
+    """The plate leans, and its glass with it."""
 
     id, unit, start, limit = "plate_tilt", "rad", 1e-3, 0.3
 
@@ -213,16 +212,7 @@ class PlateTilt(Hidden):
         self.lean = np.cos(angle), np.sin(angle)
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
-        at, half = self.rig.at, np.hypot(*fine.shape) / 2
-        pixel = self.rig.scene.camera.pixel
-        focal = self.rig.scene.camera.lens.focal_length_mm * 1e3 / (pixel.pitch_um / FINER)
-        slope = half / focal  # of the half-diagonal's ray
-        depth = a * slope * (self.lean[0] * at.u + self.lean[1] * at.v)
-        foreshortening = 1 - np.cos(a)
-        along = (self.lean[0] * at.u + self.lean[1] * at.v) * foreshortening
-        du = half * (at.u * (1 / (1 + depth) - 1) - along * self.lean[0])
-        dv = half * (at.v * (1 / (1 + depth) - 1) - along * self.lean[1])
-        return moved(fine, du, dv)
+        return self.rig.seen_from(fine, *self.rig.at.leaning(a, self.lean))
 
 
 class SquareSize(Hidden):
@@ -234,25 +224,25 @@ class SquareSize(Hidden):
         self.sign = float(self.rng.choice((-1, 1)))
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
-        return fine + self.sign * a * self.rig.base.cards["by_log_side"] if view.kind == "square" else fine
+        if view.kind != "square":
+            return fine
+        at, shrink = self.rig.at, np.exp(-self.sign * a)
+        x, y = at.middle_of(self.rig.base.cards["square"])
+        return self.rig.seen_from(fine, *at.seen_before(x + (at.x - x) * shrink, y + (at.y - y) * shrink))
 
     def parameter(self, a: float) -> tuple[str, float]:
         return "square", float(np.exp(self.sign * a) - 1.0)
 
 
 class CardOffset(Hidden):
-    """The cards lie on a sheet: farther from the lens, so smaller about the optical axis."""
+    """The cards lie on a sheet, farther from the lens."""
 
     id, unit, start, limit = "card_offset", "mm", 0.05, 10.0
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         if not view.is_card:
             return fine
-        at, half = self.rig.at, np.hypot(*fine.shape) / 2
-        camera = self.rig.scene.camera
-        distance = camera.lens.focal_length_mm * 1e3 / camera.pixel.pitch_um / camera.scale_px_per_mm
-        shrink = distance / (distance + a) - 1
-        return moved(fine, half * at.u * shrink, half * at.v * shrink)
+        return self.rig.seen_from(fine, *self.rig.at.raised(a))
 
     def parameter(self, a: float) -> tuple[str, float]:
         return "height_mm", a

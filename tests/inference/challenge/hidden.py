@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
 from evanesce.rig import Scene
 
@@ -50,6 +51,13 @@ class Rig:
         """Place of the finger's tip on the plate [mm]."""
         x, y = self.scene.finger.position_mm
         return x + self.base.pose_mm[0], y + self.base.pose_mm[1]
+
+    def seen_from(self, fine: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return a picture in which each pixel shows what stood at (u, v), as bright as things are where it is now."""
+        plain, half = self.base.cards["plain"], np.hypot(*fine.shape) / 2
+        row, col = np.mgrid[: fine.shape[0], : fine.shape[1]].astype(float)
+        place = [row + half * (v - self.at.v), col + half * (u - self.at.u)]
+        return plain * ndimage.map_coordinates(fine / plain, place, order=3, mode="nearest")
 
     @property
     def contact_level(self) -> float:

@@ -35,7 +35,6 @@ LENS_FINER = 2  # pixels on which the lens blurs, along each of the fine frame's
 VIEW_FINER = 2  # of the pinhole view over those: the lens's remapping then blurs next to nothing
 FORCE_STEP = 0.02
 KNOT, KNOTS = 0.02, 16  # of the force's logarithm, between pictures and how many to each side: an edge moves by a pixel
-SIDE_STEP = 0.004
 POSES = 3
 REPLICATES, DARKS = 12, 4
 CACHE = Path(os.environ.get("EVANESCE_CHALLENGE", "outputs/challenge"))
@@ -254,7 +253,7 @@ class BaseLight:
     by_log_force : ndarray (forces, fine rows, fine cols)
         Its derivative.
     cards : dict
-        ``checkerboard``, ``square``, and ``by_log_side`` of the square.
+        ``checkerboard``, ``square``, and ``plain``: a card without print.
     pose_mm : tuple of float
         Of the finger beside its believed place.
     harder : callable
@@ -310,8 +309,10 @@ def base_light(name: str, pose: int) -> BaseLight:
         np.savez(part, **made)
         os.replace(part, path)
     with np.load(path) as kept:
-        cards = {kind: kept[kind] for kind in ("checkerboard", "square", "by_log_side")}
+        cards = {kind: kept[kind] for kind in ("checkerboard", "square")}
         base = kept["press"], kept["by_log_force"]
+
+    cards["plain"] = _plain(path, scene)
 
     @functools.lru_cache(maxsize=60)
     def harder(k: int, knots: int) -> np.ndarray:
@@ -325,6 +326,19 @@ def base_light(name: str, pose: int) -> BaseLight:
             return np.asarray(one["picture"])
 
     return BaseLight(forces, *base, cards, finger, harder)
+
+
+def _plain(path: Path, scene: Scene) -> np.ndarray:
+    """Return the light of a card without print, rendered on first use."""
+    own = path.with_name(f"{path.stem}-plain.npz")
+    if not own.is_file():
+        fine = _fine_at(scene, (0.0, 0.0))
+        plain = replace(square_of(fine.card), side=400.0)
+        part = own.with_suffix(f".{os.getpid()}.npz")
+        np.savez(part, picture=irradiance(fine, card_light(fine, plain, Pose(), view=fine_view(fine))))
+        os.replace(part, own)
+    with np.load(own) as one:
+        return np.asarray(one["picture"])
 
 
 @functools.cache
@@ -360,17 +374,11 @@ def _render(scene: Scene, forces: tuple[float, ...], finger: tuple[float, float]
         base.append(press(force))
         slope.append((high - low) / (2 * FORCE_STEP))
     lying = pose_of(fine.card, card)
-    square = square_of(fine.card)
-    shots = {}
-    for side in (-SIDE_STEP, 0.0, SIDE_STEP):
-        grown = replace(square, side=square.side * float(np.exp(side)))
-        shots[side] = irradiance(fine, card_light(fine, grown, lying, view=view))
     return {
         "press": np.array(base),
         "by_log_force": np.array(slope),
         "checkerboard": irradiance(fine, card_light(fine, checkerboard_of(fine.card), lying, view=view)),
-        "square": shots[0.0],
-        "by_log_side": (shots[SIDE_STEP] - shots[-SIDE_STEP]) / (2 * SIDE_STEP),
+        "square": irradiance(fine, card_light(fine, square_of(fine.card), lying, view=view)),
     }
 
 
@@ -386,6 +394,16 @@ class Geometry:
         Of the plate point seen [mm].
     mm_per_px : float
         On the axis, of the fine frame [mm].
+    ray_x, ray_y : ndarray
+        Tangents of the ray seen through the believed lens [1].
+    focal : float
+        Focal length over the half-diagonal [1].
+    radial : tuple of float
+        The believed lens's coefficients of r^2 and r^4 [1].
+    distance_mm, thickness_mm : float
+        From the lens to the glass, and through it.
+    index : float
+        Of the glass [1].
     """
 
     u: np.ndarray
@@ -393,6 +411,70 @@ class Geometry:
     x: np.ndarray
     y: np.ndarray
     mm_per_px: float
+    ray_x: np.ndarray
+    ray_y: np.ndarray
+    focal: float
+    radial: tuple[float, float]
+    distance_mm: float
+    thickness_mm: float
+    index: float
+
+    def seen(self, ray_x: np.ndarray, ray_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the believed lens images rays of some tangents, as ``u`` and ``v``."""
+        r2 = ray_x * ray_x + ray_y * ray_y
+        k1, k2 = self.radial
+        stretch = self.focal * (1 + k1 * r2 + k2 * r2 * r2)
+        return ray_x * stretch, ray_y * stretch
+
+    def in_glass(self, tangent2: np.ndarray) -> np.ndarray:
+        """Return the tangent of a refracted ray over that of the ray, of whose tangent the square is given (Snell)."""
+        return 1.0 / np.sqrt(self.index**2 + (self.index**2 - 1.0) * tangent2)
+
+    def seen_before(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where the believed rig shows points of its plate [mm], as ``u`` and ``v``."""
+        radius = np.maximum(np.hypot(x, y), 1e-9)
+        tangent = radius / (self.distance_mm + self.thickness_mm / self.index)
+        for _ in range(20):  # the glass bends little: each round gains a factor of ten
+            tangent = radius / (self.distance_mm + self.thickness_mm * self.in_glass(tangent**2))
+        return self.seen(x / radius * tangent, y / radius * tangent)
+
+    def middle_of(self, square: np.ndarray) -> tuple[float, float]:
+        """Return the middle of a printed square on the plate [mm], from a picture of it: that of its edges."""
+        share = np.hypot(*np.gradient(square.astype(float)))
+        share /= share.sum()
+        return float((share * self.x).sum()), float((share * self.y).sum())
+
+    def raised(self, height_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return where each pixel's point of a card so far above the glass was seen on it, as ``u`` and ``v``."""
+        glass = self.thickness_mm * self.in_glass(self.ray_x**2 + self.ray_y**2)
+        reach = self.distance_mm + height_mm + glass
+        return self.seen_before(self.ray_x * reach, self.ray_y * reach)
+
+    def leaning(self, angle: float, lean: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return where each pixel's point of a plate that leans was seen before, as ``u`` and ``v``.
+
+        It turns by an angle [rad] about its middle on the far face, towards a direction, and the glass with it.
+        """
+        along = lean[0] * self.ray_x + lean[1] * self.ray_y
+        across = lean[0] * self.ray_y - lean[1] * self.ray_x
+        depth = np.cos(angle) + np.sin(angle) * along
+        along = (np.cos(angle) * along - np.sin(angle)) / depth
+        across = across / depth
+        whole = self.distance_mm + self.thickness_mm
+        air = whole * np.cos(angle) - self.thickness_mm
+        reach = air + self.thickness_mm * self.in_glass(along**2 + across**2)
+        e, n = whole * np.sin(angle) + along * reach, across * reach
+        return self.seen_before(lean[0] * e - lean[1] * n, lean[1] * e + lean[0] * n)
+
+
+def undistorted(radius: np.ndarray, radial: tuple[float, float]) -> np.ndarray:
+    """Return the radius at which a lens without distortion would image what one with it images at another (Newton)."""
+    k1, k2 = radial
+    found = radius.copy()
+    for _ in range(20):
+        r2 = found * found
+        found = found - (found * (1 + k1 * r2 + k2 * r2 * r2) - radius) / (1 + 3 * k1 * r2 + 5 * k2 * r2 * r2)
+    return found
 
 
 @functools.cache
@@ -405,4 +487,15 @@ def geometry(name: str) -> Geometry:
     x, y = projection.to_plate(col, row)
     cx, cy = projection.principal_point
     half = np.hypot(rows, cols) / 2
-    return Geometry((col - cx) / half, (row - cy) / half, x, y, 1.0 / fine.camera.scale_px_per_mm)
+    u, v = (col - cx) / half, (row - cy) / half
+    k1, k2, *others = projection.distortion
+    assert not any(others)
+    focal = projection.focal_px / half
+    bent = np.maximum(np.hypot(u, v) / focal, 1e-9)
+    straight = undistorted(bent, (k1, k2)) / bent / focal
+    scale, plate = fine.camera.scale_px_per_mm, fine.plate
+    distance = projection.focal_px / scale - plate.thickness_mm / plate.refractive_index
+    return Geometry(
+        u, v, x, y, 1.0 / scale, u * straight, v * straight, focal, (k1, k2), distance, plate.thickness_mm,
+        plate.refractive_index,
+    )  # fmt: skip

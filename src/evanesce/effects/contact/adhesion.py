@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field, quantity_of
+from evanesce.effects.inference_hints import ROOT
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Finger, Scene
 
@@ -61,7 +62,7 @@ EFFECT = Effect(
     amplitudes=("work_J_per_m2",),
     apply=apply,
     fitted={"work_J_per_m2": 0.05},
-    start={"work_J_per_m2": 0.05},  # area goes as the root of the work at first: no finite slope at null
+    coordinates={"work_J_per_m2": ROOT},  # area goes as the root of the work at first: no finite slope at null
     needs=("press",),
     scaling="adds area as the root of the work; relatively most at small force; the same at every voltage and time",
 )

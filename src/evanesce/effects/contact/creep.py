@@ -7,6 +7,7 @@ import math
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.contact.modulus import stiffer
+from evanesce.effects.inference_hints import LOG10
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
 
@@ -76,7 +77,8 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("per_decade",),
     apply=apply,
-    fitted={"per_decade": 0.05},
+    fitted={"per_decade": 0.05, "onset_s": 1.0},
+    coordinates={"onset_s": LOG10},
     needs=("press", "time"),
     scaling="area grows as log time under load to the power 2/3 of the compliance; the same at every voltage",
 )

@@ -12,6 +12,7 @@ from scipy.special import ive
 
 from evanesce.core.quantities import Strict, field
 from evanesce.core.states import SensorLight
+from evanesce.effects.inference_hints import SQUARE
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.sensor.lens import field_radius2
 
@@ -187,5 +188,6 @@ EFFECT = Effect(
     needs=("press",),
     scaling="moves a share of the light that goes with the square of the blur; follows LED power, same in every frame",
     # Variances add: to first order a narrow blur changes nothing.
+    coordinates={"blur_um": SQUARE, "corner_blur_um": SQUARE},
     start={"blur_um": (3.0, 8.0), "corner_blur_um": (6.0, 15.0)},
 )

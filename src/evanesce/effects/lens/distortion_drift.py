@@ -33,6 +33,7 @@ class Parameters(Strict):
 
     k1: float = field(0.0, unit="1", bounds=(-0.3, 0.3), null=0.0, doc="radial coefficient of r^2, OpenCV's")
     k2: float = field(0.0, unit="1", bounds=(-1.0, 1.0), null=0.0, doc="radial coefficient of r^4")
+    k3: float = field(0.0, unit="1", bounds=(-3.0, 3.0), null=0.0, doc="radial coefficient of r^6")
     p1: float = field(0.0, unit="1", bounds=(-0.05, 0.05), null=0.0, doc="tangential coefficient")
     p2: float = field(0.0, unit="1", bounds=(-0.05, 0.05), null=0.0, doc="tangential coefficient")
     centre_x_um: float = field(
@@ -41,7 +42,7 @@ class Parameters(Strict):
     centre_y_um: float = field(0.0, unit="um", bounds=(-600.0, 600.0), null=0.0, doc="optical axis, downwards")
 
 
-AMPLITUDES = ("k1", "k2", "p1", "p2", "centre_x_um", "centre_y_um")
+AMPLITUDES = ("k1", "k2", "k3", "p1", "p2", "centre_x_um", "centre_y_um")
 
 
 def apply(light: SensorLight, parameters: Parameters, context: Context) -> SensorLight:
@@ -80,7 +81,7 @@ def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int
     Each an ndarray (rows, cols).
     """
     nominal = Projection.of(camera, plate)
-    added = (parameters.k1, parameters.k2, parameters.p1, parameters.p2, 0.0)
+    added = (parameters.k1, parameters.k2, parameters.p1, parameters.p2, parameters.k3)
     k1, k2, p1, p2, k3 = (old + new for old, new in zip(nominal.distortion, added, strict=True))
     real = replace(nominal, distortion=(k1, k2, p1, p2, k3))
     rows, cols = shape
@@ -173,6 +174,6 @@ EFFECT = Effect(
     apply=apply,
     null_when="all",
     # Assumed of a calibration from one view: each term moves the frame's corner by some 10 px of 2000.
-    fitted={"k1": 0.01, "k2": 0.02, "p1": 0.002, "p2": 0.002, "centre_x_um": 30.0, "centre_y_um": 30.0},
+    fitted={"k1": 0.01, "k2": 0.02, "k3": 0.03, "p1": 0.002, "p2": 0.002, "centre_x_um": 30.0, "centre_y_um": 30.0},
     scaling="moves edges by the same pixels at every voltage, force and time; most at the frame's border",
 )

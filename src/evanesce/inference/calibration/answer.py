@@ -71,16 +71,17 @@ def result_of(found: RigFit) -> dict[str, Any]:
 
 def _row(found: RigFit, name: str, figure: Interval) -> dict[str, Any]:
     effect, colon, own = name.partition(":")
-    factor = found.start.model.factor
-    low, value, high = (in_pixels({name: v}, factor)[name] for v in (figure.low, figure.value, figure.high))
+    factor, p = found.start.model.factor, figure.parameter
+    ends = (figure.low, figure.value, figure.high, p.null, p.null + p.deviation)
+    low, value, high, null, away = (in_pixels({name: p.coordinate.value(v)}, factor)[name] for v in ends)
     if colon:
         what = FIGURES[effect].what
     else:
         what = NUISANCES.get(name) or next((text for key, text in POSES.items() if name.startswith(key)), name)
     return {
         "key": f"effects.{effect}.{own}" if colon else name, "what": what, "told": figure.told,
-        "nuisance": not colon, "value": value, "lo": low, "hi": high, "unit": figure.parameter.unit,
-        "nominal": figure.parameter.null, "prior_sd": figure.parameter.deviation, "narrowing": figure.narrowing,
+        "nuisance": not colon, "value": value, "lo": low, "hi": high, "unit": p.unit,
+        "nominal": null, "prior_sd": abs(away - null), "narrowing": figure.narrowing,
         "away_sd": figure.away,
     }  # fmt: skip
 

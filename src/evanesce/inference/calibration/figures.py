@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause
-from evanesce.inference.joint import Taken
+from evanesce.inference.joint_fit import Taken
 from evanesce.inference.model import AnchoredModel
 
 Array = NDArray[Any]
@@ -45,8 +45,8 @@ class Figure:
 FIGURES: Mapping[str, Figure] = {
     "modulus": Figure(("relative",), "stiffness of the finger"),
     "bone_stiffening": Figure(("per_N",), "stiffening with force"),
-    "adhesion": Figure(("work_J_per_m2",), "work of adhesion", {"work_J_per_m2": 0.01}),
-    "creep": Figure(("per_decade",), "creep of a held contact"),
+    "adhesion": Figure(("work_J_per_m2",), "work of adhesion"),
+    "creep": Figure(("per_decade", "onset_s"), "creep of a held contact", {"per_decade": 0.01, "onset_s": 0.1}),
     "ridge_height": Figure(("relative",), "height of the ridges"),
     "force_offset": Figure(("offset_N",), "zero of the load cell"),
     "off_axis_load": Figure(
@@ -67,9 +67,9 @@ FIGURES: Mapping[str, Figure] = {
     "lateral_glow": Figure(("share", "length_mm"), "subsurface scattering", {"share": 0.05, "length_mm": 0.5}),
     "plate_tilt": Figure(("about_x_deg", "about_y_deg"), "tilt of the camera against the plate"),
     "distortion_drift": Figure(
-        ("k1", "k2", "p1", "p2", "centre_x_um", "centre_y_um"), "distortion and axis of the lens"
+        ("k1", "k2", "k3", "p1", "p2", "centre_x_um", "centre_y_um"), "distortion and axis of the lens"
     ),
-    "defocus": Figure(("blur_um",), "defocus", {"blur_um": 1.5}),
+    "defocus": Figure(("blur_um",), "defocus"),
     "vignetting": Figure(("k",), "vignetting", {"k": 0.01}),
     "card_offset": Figure(("height_mm",), "height of the calibration cards"),
     "square_size": Figure(("square", "checkerboard"), "size of the printed cards"),
@@ -154,6 +154,8 @@ def _begin(name: str, cause: Cause) -> dict[str, float]:
     figure = FIGURES[name]
     if not figure.begin:
         return {}
-    believed = any(p.null for p in cause.parameters if p.name in cause.amplitudes)
-    own = {} if believed else {f"{name}:{key}": value for key, value in figure.begin.items()}
-    return {p.name: p.null for p in cause.parameters} | own
+    nulls = {p.name: p.null for p in cause.parameters}
+    if any(nulls[p] for p in cause.amplitudes if p in nulls):
+        return nulls
+    at = {p.name: p.coordinate.of(figure.begin.get(p.name.partition(":")[2], np.nan)) for p in cause.parameters}
+    return {key: nulls[key] if np.isnan(value) else value for key, value in at.items()}

@@ -32,7 +32,8 @@ from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
 from evanesce.inference.gauss_newton import Slopes
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.left import Left, left_of
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
@@ -177,7 +178,8 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     tell("intervals")
     # Derivatives that steps corrected (Broyden) overstate what the data determine.
     made = start.fitter.slopes_about(best)
-    best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=0)
+    for rounds in (PASS_ROUNDS, 0):
+        best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=rounds, renewals=0)
     discrepancy = discrepancy_of(model)
     forms, shares = form_errors(discrepancy, best)
     tied = np.concatenate([discrepancy.every_row(best), forms, _loads(model, best)])

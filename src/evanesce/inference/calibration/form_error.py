@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evanesce.inference.constants import TIED_SHARE, WAVES
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import MOST_SHARE, Discrepancy, cosines
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.removal import everything_marginalised
 
 Array = NDArray[Any]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from evanesce.inference.answer import scaled
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.prediction.parameters import Parameter
 
 Array = NDArray[Any]

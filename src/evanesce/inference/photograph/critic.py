@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from evanesce.inference.joint import JointFit, Taken
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.left import Left, left_of
 from evanesce.inference.photograph.causes import PhotoForms, photo_causes
 from evanesce.inference.photograph.light import LightModel

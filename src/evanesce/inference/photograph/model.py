@@ -15,7 +15,8 @@ from evanesce.core.rng import generator
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.inference.data import SATURATED_DN, DataVector
 from evanesce.inference.discrepancy import Discrepancy, tied_rows
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
 from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.photograph.causes import photo_nuisances

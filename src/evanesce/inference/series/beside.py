@@ -17,7 +17,7 @@ from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel, one_by_one
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel, unknown_rows
 from evanesce.inference.series.rows import rows_of

@@ -20,7 +20,8 @@ from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import FAR, LEFT
 from evanesce.inference.gate import Gate
-from evanesce.inference.joint import Fitter, JointFit
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
 from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_left, rivals
 from evanesce.inference.posterior import Posterior

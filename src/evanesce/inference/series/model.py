@@ -14,7 +14,7 @@ from evanesce.core.provenance import code_digest, digest
 from evanesce.core.rng import generator
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DRAWS, OWN_LIGHT, TIED_SHARE, WAVES
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.laws import Law, all_laws
 from evanesce.inference.model import one_by_one
 from evanesce.inference.series import predict

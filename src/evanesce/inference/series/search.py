@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from evanesce.inference.constants import SUBSTITUTE, TRIED
-from evanesce.inference.joint import JointFit
+from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.search import Search

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from evanesce.core.rng import generator
-from evanesce.inference.joint import Fitter, JointFit, Taken
+from evanesce.inference.joint import Fitter
+from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.prediction.linear import Metric
 from evanesce.studies.thesis_jointly.data import Outcomes, Row
 from evanesce.studies.thesis_jointly.mechanisms import NUISANCES, MechanismSet

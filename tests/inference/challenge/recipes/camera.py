@@ -236,12 +236,9 @@ class PlateTilt(Hidden):
         self.way = np.cos(angle), np.sin(angle)
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
-        at, camera = self.rig.at, self.rig.scene.camera
-        half = np.hypot(*fine.shape) / 2
-        slope = half * camera.pixel.pitch_um * 1e-3 / (FINER * camera.lens.focal_length_mm)
-        scale = 1 / (1 - a * slope * (self.way[0] * at.u + self.way[1] * at.v))
-        col, row = grid(fine.shape)
-        return resampled(fine, col + half * at.u * (scale - 1), row + half * at.v * (scale - 1))
+        at = self.rig.at
+        scale = 1 / (1 - a * (self.way[0] * at.ray_x + self.way[1] * at.ray_y))
+        return self.rig.seen_from(fine, *at.seen(at.ray_x * scale, at.ray_y * scale))
 
 
 class SquareSize(Hidden):
@@ -254,15 +251,14 @@ class SquareSize(Hidden):
 
     def draw(self) -> None:
         self.sign, self.across = float(self.rng.choice((-1, 1))), self.rng.uniform(0.8, 1.0)
-        edges = np.hypot(*np.gradient(self.rig.base.cards["square"].astype(float)))
-        self.middle = ndimage.center_of_mass(edges)
+        self.middle = self.rig.at.middle_of(self.rig.base.cards["square"])
 
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         if view.kind != "square":
             return fine
-        col, row = grid(fine.shape)
-        (y, x), side = self.middle, self.sign * a
-        return resampled(fine, x + (col - x) * np.exp(-side), y + (row - y) * np.exp(-side * self.across))
+        at, (x, y), side = self.rig.at, self.middle, self.sign * a
+        there = x + (at.x - x) * np.exp(-side), y + (at.y - y) * np.exp(-side * self.across)
+        return self.rig.seen_from(fine, *at.seen_before(*there))
 
     def parameter(self, a: float) -> tuple[str, float]:
         return "square", float(np.exp(0.5 * self.sign * a * (1 + self.across)) - 1.0)
@@ -279,12 +275,10 @@ class CardOffset(Hidden):
     def light(self, fine: np.ndarray, view: View, a: float) -> np.ndarray:
         if not view.is_card:
             return fine
-        camera, at = self.rig.scene.camera, self.rig.at
+        camera = self.rig.scene.camera
         focal, pitch = camera.lens.focal_length_mm, camera.pixel.pitch_um * 1e-3
         distance = focal / pitch / camera.scale_px_per_mm
-        scale, half = (distance + a) / distance, np.hypot(*fine.shape) / 2
-        col, row = grid(fine.shape)
-        smaller = resampled(fine, col + half * at.u * (scale - 1), row + half * at.v * (scale - 1))
+        smaller = self.rig.seen_from(fine, *self.rig.at.raised(a))
         disc_px = 0.5 * focal / camera.lens.f_number * a / (distance + a) * camera.scale_px_per_mm * FINER
         return ndimage.gaussian_filter(smaller, 0.5 * disc_px)
 

@@ -56,7 +56,6 @@ def result_of(found: RigFit) -> dict[str, Any]:
         "held_out": None if found.gain is None else found.gain.as_dict(),
         "residual_sd": found.by_kind,
         "own_error": {group: error.as_dict() for group, error in found.own_error.items()},
-        "form_error": dict(found.form_error),
         "left": found.left.as_dict(),
         "misfit": {
             "nominal": found.start.base.misfit, "calibrated": found.best.misfit, "bins": found.best.residual.size,

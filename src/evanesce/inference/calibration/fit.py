@@ -49,8 +49,6 @@ Tell = Callable[[str], None]
 
 PASSES = 5
 """With other weights at most; they settle in three to five."""
-ANCHORS = 2
-"""Fine evaluations where noise alone weighs: a third moved misfits by less than the fine model's own errors do."""
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
 LOAD = "@force["
@@ -106,8 +104,6 @@ class RigFit:
         Whether frames of a held state say how much the data scatter.
     own_error : mapping of str to OwnError
         By how much the light is off in ways that no figure stands for, by group of views.
-    form_error : mapping of str to float
-        Share by which the form of a fitted effect may be off, by effect [1].
     """
 
     start: Start
@@ -122,7 +118,6 @@ class RigFit:
     seconds: float
     replicates: bool
     own_error: Mapping[str, OwnError]
-    form_error: Mapping[str, float]
 
 
 def fit_rig(
@@ -175,14 +170,11 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
         # Noise of a codec is measured by what is left, and the nominal rig leaves all that is wrong with it.
         start, best, into, lacking, off = _joint(refilmed(bundle, start, best, tell), exclude, tell)
     model = start.model
-    tell("intervals")
-    # Derivatives that steps corrected (Broyden) overstate what the data determine.
-    made = start.fitter.slopes_about(best)
-    for rounds in (PASS_ROUNDS, 0):
-        best = start.fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=rounds, renewals=0)
+    tell("fine model and derivatives at the fit")
+    best = _settled(start.fitter, best)
+    tell(f"misfit {best.misfit:.6g} of {best.residual.size} bins and rows; intervals")
     discrepancy = discrepancy_of(model)
-    forms, shares = form_errors(discrepancy, best)
-    tied = np.concatenate([discrepancy.every_row(best), forms, _loads(model, best)])
+    tied = np.concatenate([discrepancy.every_row(best), form_errors(discrepancy, best), _loads(model, best)])
     figures = intervals(best, tied)
     model.anchor(best.point)
     tell("held-out conditions and areas")
@@ -196,7 +188,7 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     return RigFit(
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
-        off, shares,
+        off,
     )  # fmt: skip
 
 
@@ -224,7 +216,7 @@ def _joint(
         fitter = _sizes_known(Fitter(model))
         if not any(errors.values()):
             fitter.noise = start.fitter.noise
-            best = fitter.relinearised(into.taken, point, known, tell, ANCHORS, anchored=True)
+            best = fitter.relinearised(into.taken, point, known, tell, 1, anchored=True)
             break
         fitter.fields = voltage_rows(model.data, errors, fitter.observed.size)
         best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)
@@ -236,6 +228,19 @@ def _joint(
         point = best.point
     base = fitter.fitted([], start.base.point, metric=fitter.jitter_metric(start.base.point), rounds=0)
     return replace(start, fitter=fitter, base=base), best, into, lacking, errors
+
+
+def _settled(fitter: Fitter, best: JointFit) -> JointFit:
+    """Return a fit at the fine model's optimum, with the derivatives that intervals ask for.
+
+    One anchor more moved misfits by less than the fine model's own errors do. Derivatives that steps corrected
+    (Broyden) overstate what the data determine.
+    """
+    fitter.stand(best.taken, best.point)
+    made = fitter.slopes_about(best)
+    for rounds in (PASS_ROUNDS, 0):
+        best = fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=rounds, renewals=0)
+    return best
 
 
 def _sizes_known(fitter: Fitter) -> Fitter:

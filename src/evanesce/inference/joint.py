@@ -19,7 +19,7 @@ from evanesce.inference.joint_fit import JointFit, Taken, prior_of
 from evanesce.inference.model import Model
 from evanesce.inference.slow import Linear, beyond, is_near, left_line, slow_rows, with_rows
 from evanesce.prediction.linear import Metric
-from evanesce.prediction.parameters import Parameter, value_of
+from evanesce.prediction.parameters import STEP_SHARE, Parameter, value_of
 
 Array = NDArray[Any]
 
@@ -122,7 +122,7 @@ class Fitter:
                 if p.name in linear.rows and beyond(point[p.name], linear.point[p.name], p.null, float(w))
             ]
             linear.point |= {name: point[name] for name in anew}
-            parameters = [_over(p, float(w)) for p, w in zip(parameters, width, strict=True)]
+            parameters = [_over(p, STEP_SHARE * float(w)) for p, w in zip(parameters, width, strict=True)]
         asked = [p for p in parameters if p.name not in linear.rows or p.name in anew]
         # What takes longest first: processes that share the work end together.
         made = self._derivatives({**point, **linear.point}, sorted(asked, key=lambda p: p.name not in anew))

@@ -13,7 +13,7 @@ from evanesce.core.quantities import Strict, field
 from evanesce.core.resources import resource
 from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import OBSERVABLES, Active, Context, Effect, Stage, active_effects, all_effects, apply_stage
-from evanesce.effects.inference_hints import LOG10, ROOT
+from evanesce.effects.inference_hints import LOG10, ROOT, SQUARE
 from evanesce.optics.projection import Projection
 from evanesce.rig import Scene, dump_scene, load_scene
 from evanesce.rig.camera import Distortion
@@ -229,6 +229,7 @@ def test_a_departure_is_as_plausible_in_its_coordinate() -> None:
     [
         ({"coordinates": {"first": ROOT}}, "not fitted"),
         ({"coordinates": {"a_um": LOG10}}, "no coordinate of a_um"),
+        ({"fitted": {"place_mm[0]": 1.0}, "coordinates": {"place_mm[0]": SQUARE}}, "no coordinate of place_mm"),
         ({"fitted": {"c": 1.0}}, "no parameter c"),
         ({"fitted": {"place_mm": 1.0}}, "not one number"),
         ({"fitted": {"place_mm[2]": 1.0}}, "not one number"),

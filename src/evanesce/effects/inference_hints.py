@@ -349,9 +349,11 @@ def _candidate(effect: Effect, name: str, deviation: float) -> Candidate:
         raise TypeError(f"effect {effect.id}: start {start} of {name} (bounds {low:g} to {high:g})")
     coordinate = effect.coordinates.get(name, ITSELF)
     try:
-        coordinate.of(low), coordinate.of(high)
+        grows = coordinate.of(low) < coordinate.of(high)
     except ValueError:
-        raise TypeError(f"effect {effect.id}: no coordinate of {name} at its bounds {low:g} and {high:g}") from None
+        grows = False
+    if not grows:
+        raise TypeError(f"effect {effect.id}: no coordinate of {name} that grows from {low:g} to {high:g}")
     default = getattr(effect.parameters(), key)
     amplitude = quantity.null is not None and key in effect.amplitudes
     null: Any = quantity.null if amplitude else default if index is None else default[index]

@@ -188,6 +188,6 @@ EFFECT = Effect(
     needs=("press",),
     scaling="moves a share of the light that goes with the square of the blur; follows LED power, same in every frame",
     # Variances add: to first order a narrow blur changes nothing.
-    coordinates={"blur_um": SQUARE, "corner_blur_um": SQUARE},
+    coordinates={"blur_um": SQUARE},
     start={"blur_um": (3.0, 8.0), "corner_blur_um": (6.0, 15.0)},
 )

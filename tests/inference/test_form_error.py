@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evanesce.bundle import read_bundle
-from evanesce.inference.calibration.fit import LOAD, _loads, _sizes_known
+from evanesce.inference.calibration.fit import EDGE_PX, LOAD, _edges, _sizes_known
 from evanesce.inference.calibration.form_error import FORM_SHARE, form_errors, form_rows
 from evanesce.inference.calibration.intervals import intervals
 from evanesce.inference.causes import causes_of
@@ -78,8 +78,12 @@ def test_loads_of_single_frames_are_errors_and_no_figures(model: AnchoredModel) 
     found = fitted(model, 0.0)
     assert any(p.name.startswith(LOAD) for p in Fitter(model).jitter)
     assert not any(p.name.startswith(LOAD) for p in _sizes_known(Fitter(model)).jitter)
-    loads = _loads(model, found)
+    *loads, shift = _edges(model, found)
     assert len(loads) == sum(model.data.views[k].touches for k in model.data.open)
-    narrow, wide = intervals(found, loads[:0])[KEY], intervals(found, loads)[KEY]
+    some = (no_rows(found), np.array(loads), shift[None])
+    narrow, wide, shifted = (intervals(found, rows)[KEY] for rows in some)
     # 0.3 % of load is 0.3 % of stiffness, less the root of how many frames there are
     assert wide.high - wide.low > 1.2 * (narrow.high - narrow.low)
+    # A contact whose radius is off by a share is as one of three times that share of stiffness.
+    radius_px = np.sqrt(33.6 / np.pi) * model.observation.scene.camera.scale_px_per_mm
+    assert shifted.high - shifted.low == pytest.approx(2 * 1.645 * 3.0 * EDGE_PX / radius_px, rel=0.3)

@@ -31,6 +31,7 @@ from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
+from evanesce.inference.gate import PlateReader
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
@@ -51,6 +52,9 @@ PASSES = 5
 """With other weights at most; they settle in three to five."""
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
+EDGE_PX = 0.25
+"""Standard deviation by which all contacts' edges may be off together: a sixteenth of a bin. A tone curve of another
+form moved those of a rig that NumPy drew by 0.4 pixels (``tests/support/foreign_rig.py``)."""
 LOAD = "@force["
 """Names of the loads of single frames begin so."""
 
@@ -174,7 +178,7 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     best = _settled(start.fitter, best)
     tell(f"misfit {best.misfit:.6g} of {best.residual.size} bins and rows; intervals")
     discrepancy = discrepancy_of(model)
-    tied = np.concatenate([discrepancy.every_row(best), form_errors(discrepancy, best), _loads(model, best)])
+    tied = np.concatenate([discrepancy.every_row(best), form_errors(discrepancy, best), _edges(model, best)])
     figures = intervals(best, tied)
     model.anchor(best.point)
     tell("held-out conditions and areas")
@@ -248,18 +252,29 @@ def _sizes_known(fitter: Fitter) -> Fitter:
 
     Where the light is of another form than any figure's, a frame's load would be moved by several of its standard
     deviations to mend it: what contacts' edges say of the mechanics would then be lost. Errors of loads widen intervals
-    (:func:`_loads`).
+    (:func:`_edges`).
     """
     fitter.jitter = tuple(p for p in fitter.jitter if not p.name.startswith(LOAD))
     return fitter
 
 
-def _loads(model: AnchoredModel, best: JointFit) -> Array:
-    """Return the rows (views, bins) by which the loads of single frames may be off, each of unit deviation."""
+def _edges(model: AnchoredModel, best: JointFit) -> Array:
+    """Return the rows (k, bins) by which contacts' edges may be off, each of unit deviation.
+
+    The loads of single frames, and one shift of all edges: what blur, tone curve and film make of an edge within a bin.
+    """
     loads = [p for p in model.nuisances() if p.name.startswith(LOAD)]
-    made = model.derivatives([(best.point, p) for p in loads])
-    rows = [row * p.deviation for row, p in zip(made, loads, strict=True) if not isinstance(row, InputError)]
-    return np.array(rows, np.float32).reshape(-1, best.residual.size)
+    plate, found = PlateReader(model.observation.scene), []
+    shift, shift_mm = np.zeros(best.residual.size), EDGE_PX / model.observation.scene.camera.scale_px_per_mm
+    for p, row in zip(loads, model.derivatives([(best.point, p) for p in loads]), strict=True):
+        if isinstance(row, InputError) or p.views is None:
+            continue
+        found.append(row * p.deviation)
+        patch = plate.patch(model.observation.images[p.views[0]])
+        if patch is not None:
+            # A radius goes as the cube root of the load.
+            shift += row * 3.0 * shift_mm / np.sqrt(patch.area_mm2 / np.pi)
+    return np.array([*found, shift], np.float32)
 
 
 def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVector) -> tuple[Entered, Slopes | None]:

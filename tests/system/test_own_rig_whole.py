@@ -57,7 +57,7 @@ def test_squares_of_another_side_are_noticed(tmp_path: Path, mine: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.whole_case  # six minutes of two cores
+@pytest.mark.whole_case  # minutes
 def test_presses_make_a_scene_that_predicts_areas_it_has_not_seen(mine: Path) -> None:
     twin, page, told = (mine.parent / name for name in ("twin.toml", "twin.html", "twin.json"))
     done = run(app, ["fit", str(mine), "--scene", str(twin), "--report", str(page), "--json", str(told)])

@@ -52,9 +52,9 @@ PASSES = 5
 """With other weights at most; they settle in three to five."""
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
-EDGE_PX = 0.25
-"""Standard deviation by which all contacts' edges may be off together: a sixteenth of a bin. A tone curve of another
-form moved those of a rig that NumPy drew by 0.4 pixels (``tests/support/foreign_rig.py``)."""
+EDGE_PX = 0.4
+"""Standard deviation by which all contacts' edges may be off together, a tenth of a bin: so far were those of a rig that
+NumPy drew (``tests/support/foreign_rig.py``), with its own light and tone curve."""
 LOAD = "@force["
 """Names of the loads of single frames begin so."""
 

@@ -53,8 +53,8 @@ PASSES = 5
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
 EDGE_PX = 0.4
-"""Standard deviation by which all contacts' edges may be off together, a tenth of a bin: so far were those of a rig that
-NumPy drew (``tests/support/foreign_rig.py``), with its own light and tone curve."""
+"""Standard deviation by which all contacts' edges may be off together, a tenth of a bin: so far were those of a rig
+that NumPy drew (``tests/support/foreign_rig.py``), with its own light and tone curve."""
 LOAD = "@force["
 """Names of the loads of single frames begin so."""
 

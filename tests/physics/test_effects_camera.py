@@ -185,14 +185,14 @@ def test_blur_is_that_of_a_focus_shift_of_the_lens() -> None:
 
 # --- distortion ------------------------------------------------------------------------------------------------------
 
-DRIFT = {"k1": 0.031, "k2": -0.06, "p1": 0.0023, "p2": -0.0041, "centre_x_um": 23.0, "centre_y_um": -41.0}
+DRIFT = {"k1": 0.031, "k2": -0.06, "k3": 0.4, "p1": 0.0023, "p2": -0.0041, "centre_x_um": 23.0, "centre_y_um": -41.0}
 
 
 def drifted(scene: Scene, **values: float) -> Scene:
     """Return the scene whose camera has the real figures: what the effect should amount to."""
     lens, pitch = scene.camera.lens, scene.camera.pixel.pitch_um
     old = lens.distortion
-    real = old.model_copy(update={n: getattr(old, n) + values.get(n, 0.0) for n in ("k1", "k2", "p1", "p2")})
+    real = old.model_copy(update={n: getattr(old, n) + values.get(n, 0.0) for n in ("k1", "k2", "k3", "p1", "p2")})
     dx, dy = scene.camera.principal_point_offset_px
     offset = (dx + values.get("centre_x_um", 0.0) / pitch, dy + values.get("centre_y_um", 0.0) / pitch)
     update = {"lens": lens.model_copy(update={"distortion": real}), "principal_point_offset_px": offset}

@@ -47,29 +47,20 @@ def exact_slopes(model: Model, point: Point, widths: Mapping[Parameter, float]) 
     rough = dict.fromkeys((p.name for p in widths), np.inf)
     for factor in (1.0, *OTHER_STEPS):
         bent = {p: width for p, width in widths.items() if rough[p.name] > ALIKE}
-        others, rougher = two_sided(model, point, bent, factor)
+        others, rougher = _two_sided(model, point, bent, factor)
         better = [name for name in others if name not in rows or rougher[name] < rough[name]]
         rows |= {name: others[name] for name in better}
         rough |= {name: rougher[name] for name in better}
     return {name: _possible(row) for name, row in rows.items()}
 
 
-def two_sided(
+def _two_sided(
     model: Model, point: Point, widths: Mapping[Parameter, float], factor: float = 1.0
 ) -> tuple[dict[str, Array | InputError], dict[str, float]]:
     """Return derivatives (d,) over steps to both sides, and half of what they differ by over the width.
 
-    Of what a bound leaves one side, over one and two steps to that. Why the rig cannot have one, where it cannot, and
+    A step is so many times the width. Of what a bound leaves one side, over one and two steps to that. Why the rig cannot have one, where it cannot, and
     then no end to how much they differ.
-
-    Parameters
-    ----------
-    model : Model
-    point : mapping of str to float
-    widths : mapping of Parameter to float
-        Posterior deviations.
-    factor : float
-        A step over them.
     """
     asked, beside = [], []
     for p, width in widths.items():

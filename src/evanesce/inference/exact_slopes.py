@@ -59,8 +59,8 @@ def _two_sided(
 ) -> tuple[dict[str, Array | InputError], dict[str, float]]:
     """Return derivatives (d,) over steps to both sides, and half of what they differ by over the width.
 
-    A step is so many times the width. Of what a bound leaves one side, over one and two steps to that. Why the rig cannot have one, where it cannot, and
-    then no end to how much they differ.
+    A step is ``factor`` times the width. Of what a bound leaves one side, over one and two steps to that. Why the rig
+    cannot have one, where it cannot, and then no end to how much they differ.
     """
     asked, beside = [], []
     for p, width in widths.items():

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from evanesce.contact.solve import contact_state
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.subsurface import profile_kernel
-from evanesce.render.fast.subsurface import body_light
+from evanesce.render.fast.subsurface import Spread, body_light
 from evanesce.render.reference.medium import Body, Boundary, Silicone, exitance, finger_body, medium_scene, slab_body
 from evanesce.render.variant import select
 from evanesce.rig import load_scene
@@ -43,7 +43,7 @@ def model(touching: Array, length: float, boundary: Boundary) -> Array:
     """Exitance over entering irradiance on a grid of CELL: the model of optics/subsurface.py."""
     inside = (1 - touching) * (air_inside() if boundary == "air" else 0.0)
     kernel = profile_kernel(REFLECTANCE, length, CELL, len(touching) - 1)
-    return np.asarray((1 - inside) * body_light(kernel, touching, inside))
+    return np.asarray((1 - inside) * body_light(Spread(kernel), touching, inside))
 
 
 def axis() -> Array:

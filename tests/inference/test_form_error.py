@@ -20,6 +20,7 @@ from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.observe import observe
 
 KEY, TRUE = "modulus:relative", 0.1
@@ -27,7 +28,12 @@ KEY, TRUE = "modulus:relative", 0.1
 
 def no_rows(found: JointFit) -> Any:
     """Return no rows."""
-    return np.zeros((0, found.residual.size), np.float32)
+    return CovarianceRows(np.zeros((0, found.residual.size), np.float32))
+
+
+def rows_of(model: AnchoredModel, found: JointFit) -> CovarianceRows:
+    """Return the rows of all causes' errors of form."""
+    return Discrepancy(model, form_errors).tied(found)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +60,7 @@ def fitted(model: AnchoredModel, share: float) -> JointFit:
 def test_an_interval_holds_the_truth_whether_the_form_is_right_or_not(model: AnchoredModel, share: float) -> None:
     """Alone it holds it where the form is right, and not where that is off by a tenth."""
     found = fitted(model, share)
-    within, alone = (intervals(found, rows)[KEY] for rows in (form_errors(Discrepancy(model), found), no_rows(found)))
+    within, alone = (intervals(found, rows)[KEY] for rows in (rows_of(model, found), no_rows(found)))
     assert within.low < TRUE < within.high
     assert (alone.low < TRUE < alone.high) is (share == 0.0)
     # A form that may be off by 0.15 makes a change of 0.1 no less certain than that.
@@ -63,7 +69,8 @@ def test_an_interval_holds_the_truth_whether_the_form_is_right_or_not(model: Anc
 
 def test_what_changes_nothing_has_no_errors(model: AnchoredModel) -> None:
     found = fitted(model, 0.0)
-    assert not len(form_errors(Discrepancy(model), replace(found, point={**found.point, KEY: 0.0})))
+    # But for what finer pixels add
+    assert len(rows_of(model, replace(found, point={**found.point, KEY: 0.0}))) == 1
 
 
 def test_rows_of_a_form_are_as_large_as_its_change(model: AnchoredModel) -> None:
@@ -78,9 +85,9 @@ def test_loads_of_single_frames_are_errors_and_no_figures(model: AnchoredModel) 
     found = fitted(model, 0.0)
     assert any(p.name.startswith(LOAD) for p in Fitter(model).jitter)
     assert not any(p.name.startswith(LOAD) for p in _sizes_known(Fitter(model)).jitter)
-    *loads, shift = _edges(model, found)
+    *loads, shift = _edges(model, found).dense()
     assert len(loads) == sum(model.data.views[k].touches for k in model.data.open)
-    some = (no_rows(found), np.array(loads), shift[None])
+    some = (no_rows(found), CovarianceRows(np.array(loads)), CovarianceRows(shift[None]))
     narrow, wide, shifted = (intervals(found, rows)[KEY] for rows in some)
     # 0.3 % of load is 0.3 % of stiffness, less the root of how many frames there are
     assert wide.high - wide.low > 1.2 * (narrow.high - narrow.low)

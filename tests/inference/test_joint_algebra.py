@@ -310,7 +310,7 @@ def test_discrepancy_has_the_size_that_it_says():
     data = vector(np.zeros((5, *SHAPE)), sd=0.5)
     change = 3.0 * np.ones((5, *SHAPE))
     change[2] = 0.0
-    rows = tied_rows(data, change, 0.04)
+    rows = tied_rows(data, change, 0.04).dense()
     variance = data.unwhitened((rows.astype(float) ** 2).sum(axis=0))
     np.testing.assert_allclose(variance.mean(axis=(1, 2)), (0.04 * 6.0) ** 2 * np.array([1, 1, 0, 1, 1]), rtol=1e-5)
     drawn = data.unwhitened(rng.standard_normal(len(rows)) @ rows)

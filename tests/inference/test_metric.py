@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evanesce.prediction.linear import Metric
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.scores import bootstrap_sum, log_scores
 
 BINS = 400
@@ -46,3 +46,44 @@ def test_log_scores_add_up_and_their_interval_holds_the_sum(rng):
     assert blocks.sum() == pytest.approx(-0.5 * (residual[valid] ** 2).sum())
     value, low, high = bootstrap_sum(blocks, level=0.95, count=200, rng=rng)
     assert low < value < high
+
+
+def stretched(rng):
+    """Return rows over all of 60 bins, over two stretches of them, and all as one array."""
+    rows = CovarianceRows(
+        rng.standard_normal((3, 60)), {0: 2.0 * rng.standard_normal((2, 20)), 35: rng.standard_normal((4, 15))}
+    )
+    return rows, rows.dense()
+
+
+def test_rows_over_stretches_are_those_of_the_whole_array(rng):
+    rows, dense = stretched(rng)
+    vectors = rng.standard_normal((5, 60))
+    assert dense.shape == (len(rows), 60) == (9, 60)
+    assert not dense[3:5, 20:].any()
+    assert not dense[5:, :35].any()
+    np.testing.assert_allclose(rows.products(vectors), vectors @ dense.T, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(60,), (4, 60)])
+def test_a_metric_of_stretches_is_that_of_the_whole_array(rng, shape):
+    """Oracle: numpy's inverse of the dense covariance, the nuisances of another metric in it."""
+    rows, dense = stretched(rng)
+    own, vectors = rng.standard_normal((2, 60)), rng.standard_normal(shape)
+    metric = Metric.of(own, np.array([3.0, 0.5])).with_rows(rows)
+    covariance = np.eye(60) + dense.T @ dense + own.T @ np.diag([9.0, 0.25]) @ own
+    np.testing.assert_allclose(metric.project(vectors), np.linalg.solve(covariance, vectors.T).T, rtol=1e-8)
+    white = np.atleast_2d(metric.whiten(vectors))
+    np.testing.assert_allclose(white @ white.T, metric.gram(np.atleast_2d(vectors)), rtol=1e-8, atol=1e-12)
+
+
+def test_stretches_that_are_added_later_join_those_that_are_there(rng):
+    rows, dense = stretched(rng)
+    once = (
+        Metric.of(np.zeros((0, 60)), np.zeros(0))
+        .with_rows(rows)
+        .with_rows(CovarianceRows(np.zeros((0, 60)), rows.stretches))
+    )
+    both = np.concatenate([dense, dense[3:]])
+    vector = rng.standard_normal(60)
+    np.testing.assert_allclose(once.project(vector), np.linalg.solve(np.eye(60) + both.T @ both, vector), rtol=1e-8)

@@ -23,7 +23,7 @@ from evanesce.optics.subsurface import (
 from evanesce.render.fast import patch
 from evanesce.render.fast.fields import fields_of
 from evanesce.render.fast.patch import patch_light, patch_radiance
-from evanesce.render.fast.subsurface import body_light
+from evanesce.render.fast.subsurface import Spread, body_light
 from evanesce.rig import Scene, load_scene
 
 WALKERS = 60_000
@@ -155,7 +155,7 @@ def test_light_entering_at_ridges_lights_the_grooves_as_a_random_walk_does() -> 
     groove = np.mod(places, period) >= crest
     kernel = profile_kernel(albedo, 1.0, cell, 340)
     entering = np.tile(np.where(groove, 0.0, 1.0), (340, 1))
-    found = body_light(kernel, entering, np.tile(np.where(groove, inside, 0.0), (340, 1)))[170]
+    found = body_light(Spread(kernel), entering, np.tile(np.where(groove, inside, 0.0), (340, 1)))[170]
     middle = slice(136, 204)  # four periods
     modelled = found[middle][groove[middle]].mean() / found[middle][~groove[middle]].mean()
     noise = 5 * np.sqrt(1 / in_groove.sum() + 1 / (~in_groove).sum())
@@ -170,10 +170,37 @@ def test_body_returns_its_reflectance_of_what_enters() -> None:
     entering, inside = np.zeros((90, 81)), np.zeros((90, 81))
     entering[35:50, 33:47], inside[20:70, 20:60] = rng.random((15, 14)), rng.random((50, 40))
     kernel = profile_kernel(0.7, 0.2, 0.1, 95)
-    found = body_light(kernel, entering, inside)
+    found = body_light(Spread(kernel), entering, inside)
     # Missing is what leaves beyond the grid (share_within of 2.5 mm) and the fixed point's 1e-4.
     lost = 1 - float(share_within(2.5, 0.7, 0.2))
     assert found.sum() == pytest.approx(0.7 * (entering + inside * found).sum(), rel=lost + 1e-3)
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.57])
+def test_light_below_a_surface_is_that_of_all_its_equations(beyond: float) -> None:
+    """Oracle: numpy's solution of the dense system, the same surface to all sides far enough for nothing to come back.
+
+    An ugly contact: two parts, one at the grid's border, of any reflectance up to the open surface's.
+    """
+    rng = np.random.default_rng(12)
+    kernel, shape, around = profile_kernel(0.6, 0.25, 0.1, 70), (22, 17), 14
+    entering, inside = np.zeros(shape), np.full(shape, beyond)
+    for part in (np.s_[2:9, 4:12], np.s_[15:22, 0:5]):
+        entering[part] = rng.random(entering[part].shape)
+        inside[part] = rng.random(entering[part].shape) * (beyond or 1.0)
+    found = body_light(Spread(kernel, beyond), entering, inside)
+
+    wide_e, wide_r = np.pad(entering, around), np.pad(inside, around, constant_values=beyond)
+    y, x = (i.ravel() for i in np.indices(wide_e.shape))
+    spread = kernel[70 + y[:, None] - y[None, :], 70 + x[:, None] - x[None, :]]
+    dense = np.linalg.solve(np.eye(y.size) - spread * wide_r.ravel()[None, :], spread @ wide_e.ravel())
+    expected = dense.reshape(wide_e.shape)[around:-around, around:-around]
+    np.testing.assert_allclose(found, expected, rtol=2e-3 if beyond else 1e-4)
+
+
+def test_a_surface_that_differs_both_ways_is_refused() -> None:
+    with pytest.raises(ValueError, match="more at one place"):
+        body_light(Spread(profile_kernel(0.6, 0.25, 0.1, 20), 0.5), np.ones((1, 2)), np.array([[0.3, 0.7]]))
 
 
 def test_open_film_is_the_mean_over_its_fringes() -> None:

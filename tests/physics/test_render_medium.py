@@ -8,7 +8,7 @@ import trimesh
 
 from evanesce.contact.solve import contact_state
 from evanesce.optics.subsurface import profile_kernel
-from evanesce.render.fast.subsurface import body_light
+from evanesce.render.fast.subsurface import Spread, body_light
 from evanesce.render.reference.medium import Body, Silicone, exitance, finger_body, medium_scene, slab_body
 from evanesce.render.variant import select
 from evanesce.rig import load_scene
@@ -106,7 +106,7 @@ def test_beside_an_ugly_contact_the_model_holds_to_its_fits_error() -> None:
     value = exitance(scene, points, seed=9)
     x = (np.arange(240) + 0.5 - 120) * cell
     touching = square(x[None, :], x[:, None]).astype(float)
-    flat = body_light(profile_kernel(reflectance, length, cell, 239), touching, np.zeros_like(touching))
+    flat = body_light(Spread(profile_kernel(reflectance, length, cell, 239)), touching, np.zeros_like(touching))
     rows = (x > -0.6) & (x < 0.2)
     for low, high in ((0.9, 1.35), (1.45, 1.9)):
         some, columns = (points[:, 0] > low) & (points[:, 0] < high), (x > low) & (x < high)

@@ -21,7 +21,7 @@ from evanesce.inference.search import Search
 from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
-from evanesce.prediction.linear import Metric
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.parameters import value_of
 from evanesce.prediction.point import natural, scene_with
 from evanesce.rig import Scene, dump_scene
@@ -104,14 +104,14 @@ class Named:
         }  # fmt: skip
 
 
-def widened_covariance(fitted: JointFit, tied: Array) -> Array:
+def widened_covariance(fitted: JointFit, tied: CovarianceRows) -> Array:
     """Return the parameters' covariance (n, n) with the discrepancy in the noise, which widens every interval.
 
     Parameters
     ----------
     fitted : JointFit
-    tied : ndarray (k, bins)
-        Rows of the discrepancy.
+    tied : CovarianceRows
+        Of the discrepancy.
 
     Notes
     -----
@@ -120,8 +120,7 @@ def widened_covariance(fitted: JointFit, tied: Array) -> Array:
     """
     rows = fitted.solution.rows
     own = fitted.solution.covariance
-    cross = rows @ np.asarray(fitted.metric.project(tied.astype(float))).T
-    spread = own @ cross
+    spread = own @ tied.products(fitted.metric.project(rows))
     return np.asarray(own + spread @ spread.T)
 
 
@@ -130,7 +129,9 @@ def scaled(metric: Metric, residual: Array) -> float:
     return max(1.0, float(metric.project(residual) @ residual) / residual.size)
 
 
-def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Array, posterior: Posterior) -> list[Named]:
+def named_causes(
+    search: Search, areas: AreaReader, fitted: JointFit, tied: CovarianceRows, posterior: Posterior
+) -> list[Named]:
     """Return the causes, by consequence.
 
     Parameters
@@ -138,7 +139,7 @@ def named_causes(search: Search, areas: AreaReader, fitted: JointFit, tied: Arra
     search : Search
     areas : AreaReader
     fitted : JointFit
-    tied : ndarray (k, bins)
+    tied : CovarianceRows
     """
     covariance = widened_covariance(fitted, tied) * scaled(fitted.metric, fitted.residual)
     deviation = np.sqrt(np.diag(covariance))

@@ -8,7 +8,7 @@ discrepancy, and asks for no further causes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,11 @@ from evanesce.inference.constants import EXTRAPOLATED, OWN_LIGHT, TIED_SHARE, WA
 from evanesce.inference.data import DataVector
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.views import binned
 
 Array = NDArray[Any]
+FormRows = Callable[[DataVector, Array, float], CovarianceRows]
 
 MOST_SHARE = 0.2
 """A change that the coarse model has wrong by more than this is no measure of what the fine one has wrong."""
@@ -37,8 +39,8 @@ def cosines(shape: tuple[int, int], count: int) -> Array:
     return np.einsum("ar,bc->abrc", *waves).reshape(-1, *shape)
 
 
-def tied_rows(data: DataVector, change: Array, share: float, *, by_view: bool = True) -> Array:
-    """Return the rows (k, bins) of a change's discrepancy: their outer products add up to its covariance.
+def tied_rows(data: DataVector, change: Array, share: float, *, by_view: bool = True) -> CovarianceRows:
+    """Return the rows of a change's discrepancy: their outer products add up to its covariance.
 
     Parameters
     ----------
@@ -50,20 +52,33 @@ def tied_rows(data: DataVector, change: Array, share: float, *, by_view: bool = 
     by_view : bool
         Whether the factor varies from view to view as well.
     """
-    opened = data.open
-    change = np.nan_to_num(change)
-    whitened = data.over_noise(change)
+    whitened = data.over_noise(np.nan_to_num(change))
     basis = cosines(change.shape[1:], WAVES)
-    valid = data.valid[list(opened)]
+    valid = data.valid[list(data.open)]
     smooth = np.array([(whitened * wave)[valid] for wave in basis]) * share / np.sqrt((1 + by_view) * len(basis))
-    if not by_view:
-        return smooth.astype(np.float32)
-    single = []
-    for k in opened:
-        only = np.zeros_like(change)
-        only[k] = change[k]
-        single.append(data.whitened(only))
-    return np.concatenate([smooth, np.array(single) * share / np.sqrt(2)]).astype(np.float32)
+    return CovarianceRows(
+        smooth.astype(np.float32), rows_by_view(data, change, share / np.sqrt(2.0)) if by_view else {}
+    )
+
+
+def rows_by_view(data: DataVector, change: Array, share: float) -> dict[int, Array]:
+    """Return the rows (1, bins of a view) of a change that is off in each view by itself, by their first place.
+
+    Parameters
+    ----------
+    data : DataVector
+    change : ndarray (views, rows, cols)
+        [DN].
+    share : float
+        Standard deviation of the factor in each view.
+    """
+    whitened, start, found = data.over_noise(np.nan_to_num(change)) * share, 0, {}
+    for own, valid in zip(whitened, data.valid[list(data.open)], strict=True):
+        row = own[valid].astype(np.float32)
+        if row.any():
+            found[start] = row[None]
+        start += row.size
+    return found
 
 
 class Discrepancy:
@@ -72,19 +87,21 @@ class Discrepancy:
     Parameters
     ----------
     model : AnchoredModel
+    rows : callable
+        ``rows(data, change (views, rows, cols), share)``: those of a cause's change.
     """
 
-    def __init__(self, model: AnchoredModel) -> None:
-        self.model = model
+    def __init__(self, model: AnchoredModel, rows: FormRows | None = None) -> None:
+        self.model, self.rows = model, rows or tied_rows
         self.shares: dict[str, float] = {}
         self._changes: tuple[JointFit, dict[str, Array]] | None = None
 
-    def light(self, fitted: JointFit) -> Array:
-        """Return the rows (k, bins) of the nominal light; that of single views is a nuisance by itself."""
+    def light(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of the nominal light; that of single views is a nuisance by itself."""
         return tied_rows(self.model.data, self.model.cube(fitted.point), OWN_LIGHT, by_view=False)
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins) of each cause, and that of what extrapolation to finer pixels added at the anchor.
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
+        """Return the rows of each cause, and that of what extrapolation to finer pixels added at the anchor.
 
         Parameters
         ----------
@@ -94,7 +111,8 @@ class Discrepancy:
             about each cause's change.
         """
         data = self.model.data
-        found = [np.asarray(data.whitened(self.model.discretisation)[None] * EXTRAPOLATED, np.float32)]
+        extrapolated = data.whitened(self.model.discretisation)[None] * EXTRAPOLATED
+        found = [CovarianceRows(np.asarray(extrapolated, np.float32))]
         changes = self.changes(fitted)
         for taken in fitted.taken:
             if taken.id not in changes:
@@ -105,8 +123,8 @@ class Discrepancy:
                     self.shares[taken.id] = self._share(fine, fitted.without(taken.id), change)
                 except InputError:
                     continue
-            found.append(tied_rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
-        return np.concatenate(found)
+            found.append(self.rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
+        return CovarianceRows.joined(*found)
 
     def changes(self, fitted: JointFit) -> dict[str, Array]:
         """Return what each cause changes (views, rows, cols) [DN], by its name; without those that a rig cannot lack.
@@ -122,9 +140,9 @@ class Discrepancy:
             self._changes = fitted, {t.id: whole - cube for t, cube in pairs if not isinstance(cube, InputError)}
         return self._changes[1]
 
-    def every_row(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return all rows (k, bins)."""
-        return np.concatenate([self.light(fitted), self.tied(fitted, fine)])
+    def every_row(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
+        """Return all rows."""
+        return CovarianceRows.joined(self.light(fitted), self.tied(fitted, fine))
 
     def _share(self, fine: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""

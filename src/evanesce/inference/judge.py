@@ -29,6 +29,7 @@ from evanesce.inference.single_effects import (
     statistic_of,
 )
 from evanesce.inference.small_space import SmallSpace
+from evanesce.prediction.linear import CovarianceRows
 
 Array = NDArray[Any]
 
@@ -46,14 +47,14 @@ class Bank(Protocol):
 class Rows(Protocol):
     """Discrepancy for some kind of data."""
 
-    def light(self, fitted: JointFit) -> Array:
-        """Return the rows (k, d) of the nominal light."""
+    def light(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of the nominal light."""
 
-    def tied(self, fitted: JointFit) -> Array:
-        """Return the rows (k, d) of the causes of a joint fit, the model anchored about it."""
+    def tied(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of the causes of a joint fit, the model anchored about it."""
 
-    def every_row(self, fitted: JointFit) -> Array:
-        """Return both (k, d)."""
+    def every_row(self, fitted: JointFit) -> CovarianceRows:
+        """Return both."""
 
 
 class Judge:
@@ -247,7 +248,8 @@ class Judge:
         blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.nuisance_rows, _scaled(fitted, "@")])}
         for taken in fitted.taken:
             blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
-        blocks[DISCREPANCY], blocks[LIGHT] = self.discrepancy.tied(fitted), self.discrepancy.light(fitted)
+        blocks[DISCREPANCY] = self.discrepancy.tied(fitted).dense()
+        blocks[LIGHT] = self.discrepancy.light(fitted).dense()
         secants: dict[str, Array] = {}
         if judged:
             whole = model.vector(fitted.point)

@@ -40,10 +40,8 @@ def everything_marginalised(now: JointFit) -> tuple[Metric, Array]:
     """
     free = ~now.solution.held
     own = now.solution.rows[free]
-    rows = np.concatenate([now.metric.rows, own])
     deviations = np.array([p.deviation for p in now.parameters])[free]
-    metric = Metric.of(rows, np.concatenate([np.ones(len(now.metric.rows)), deviations]))
-    return metric, now.residual + now.departures()[free] @ own
+    return now.metric.with_rows(own * deviations[:, None]), now.residual + now.departures()[free] @ own
 
 
 def removal(entry: Entry, metric: Metric, projected: Array) -> Removal:

@@ -40,6 +40,7 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.processes import processes
 from evanesce.prediction.views import BIN_PX, View
@@ -177,18 +178,16 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     tell("fine model and derivatives at the fit")
     best = _settled(start.fitter, best)
     tell(f"misfit {best.misfit:.6g} of {best.residual.size} bins and rows; intervals")
-    discrepancy = discrepancy_of(model)
-    tied = np.concatenate([discrepancy.every_row(best), form_errors(discrepancy, best), _edges(model, best)])
+    tied = CovarianceRows.joined(discrepancy_of(model, form_errors).every_row(best), _edges(model, best))
     figures = intervals(best, tied)
-    model.anchor(best.point)
     tell("held-out conditions and areas")
     reader = AreaReader(model)
     gain = held_out(model, reader, start.base, best, seed)
     areas = _areas(start, reader, best)
-    model.anchor(best.point)
-    left = _left(start, best, tied)
+    whole = everything_marginalised(best)[0].with_rows(tied)
+    left = _left(start, best, whole)
     missing = {name: why for name, why in lacking.items() if name in FIGURES}
-    kinds = _by_kind(start, best, tied)
+    kinds = _by_kind(start, best, whole)
     return RigFit(
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
@@ -258,8 +257,8 @@ def _sizes_known(fitter: Fitter) -> Fitter:
     return fitter
 
 
-def _edges(model: AnchoredModel, best: JointFit) -> Array:
-    """Return the rows (k, bins) by which contacts' edges may be off, each of unit deviation.
+def _edges(model: AnchoredModel, best: JointFit) -> CovarianceRows:
+    """Return the rows by which contacts' edges may be off, each of unit deviation.
 
     The loads of single frames, and one shift of all edges: what blur, tone curve and film make of an edge within a bin.
     """
@@ -274,7 +273,7 @@ def _edges(model: AnchoredModel, best: JointFit) -> Array:
         if patch is not None:
             # A radius goes as the cube root of the load.
             shift += row * 3.0 * shift_mm / np.sqrt(patch.area_mm2 / np.pi)
-    return np.array([*found, shift], np.float32)
+    return CovarianceRows(np.array([*found, shift], np.float32))
 
 
 def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVector) -> tuple[Entered, Slopes | None]:
@@ -319,9 +318,10 @@ def _areas(start: Start, reader: AreaReader, best: JointFit) -> Areas:
     return Areas(tuple(model.data.views[k] for k in places), read[0], read[1], read[2], frames, images)
 
 
-def _left(start: Start, best: JointFit, tied: Array) -> Left:
+def _left(start: Start, best: JointFit, whole: Metric) -> Left:
+    """Return what is left by a metric in which all that is fitted is marginalised, discrepancy included."""
     model = start.model
-    rest = everything_marginalised(best)[0].with_rows(tied).project(best.residual)
+    rest = whole.project(best.residual)
     light = Parameter(name="@light", deviation=1.0, step=0.01)
     lit = [k for k in model.data.open if model.data.views[k].touches]
     by_light = derivative(model.coarse, best.point, light, lit)
@@ -329,10 +329,10 @@ def _left(start: Start, best: JointFit, tied: Array) -> Left:
     return left_of(model.data, rest, by_light, BIN_PX / scale)
 
 
-def _by_kind(start: Start, best: JointFit, tied: Array) -> dict[str, float]:
+def _by_kind(start: Start, best: JointFit, whole: Metric) -> dict[str, float]:
     """Return the residual's root mean square over its standard deviation, discrepancy included, by kind of view."""
     data = start.model.data
-    cube = data.unwhitened(best.metric.with_rows(tied).whiten(best.residual))
+    cube = data.unwhitened(whole.whiten(best.residual))
     found: dict[str, list[float]] = {}
     for n, k in enumerate(data.open):
         part = cube[n][data.valid[k]]

@@ -14,34 +14,34 @@ from numpy.typing import NDArray
 
 from evanesce.inference.constants import WAVES
 from evanesce.inference.data import DataVector
-from evanesce.inference.discrepancy import Discrepancy, cosines
-from evanesce.inference.joint_fit import JointFit
+from evanesce.inference.discrepancy import cosines, rows_by_view
+from evanesce.prediction.linear import CovarianceRows
 
 Array = NDArray[Any]
 
 FORM_SHARE = 0.15
 """Standard deviation of a change's form over the change: where 90 % intervals hold the figures of development rigs as
 often as they say (``benchmarks/fit_rigs.py``)."""
+FAINT = 1e-3
+"""Squared size of a row, over noise, below which it is left out: it adds less than that to any variance."""
 DECADES, SIZES = 3.0, 6
 """Over which a change's size is told apart below its largest, and half waves along them: one to half a decade."""
 
 
-def form_errors(discrepancy: Discrepancy, fitted: JointFit) -> Array:
-    """Return the rows (k, d) of errors of form, whitened: their outer products add up to the errors' covariance.
+def form_errors(data: DataVector, change: Array, share: float) -> CovarianceRows:
+    """Return the whitened rows of errors of form: their outer products add up to the errors' covariance.
 
     Parameters
     ----------
-    discrepancy : Discrepancy
-        Knows what each cause changes.
-    fitted : JointFit
+    data : DataVector
+    change : ndarray (views, rows, cols)
+        By a cause [DN]; NaN where there is none.
+    share : float
+        By which it may be off in each view by itself.
     """
-    size, found = fitted.residual.size, [np.zeros((0, fitted.residual.size), np.float32)]
-    for change in discrepancy.changes(fitted).values():
-        if np.nan_to_num(change).any():
-            rows = form_rows(discrepancy.model.data, change) * np.float32(FORM_SHARE)
-            # Rows of series, where there are any, follow the bins.
-            found.append(np.pad(rows, ((0, 0), (0, size - rows.shape[1]))))
-    return np.concatenate(found)
+    rows = form_rows(data, change) * np.float32(FORM_SHARE)
+    shown = np.square(rows).sum(axis=1) > FAINT
+    return CovarianceRows(rows[shown], rows_by_view(data, change, share / np.sqrt(2.0)))
 
 
 def form_rows(data: DataVector, change: Array) -> Array:

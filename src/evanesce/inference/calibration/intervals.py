@@ -11,6 +11,7 @@ from scipy import stats
 
 from evanesce.inference.answer import scaled
 from evanesce.inference.joint_fit import JointFit
+from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.parameters import Parameter
 
 Array = NDArray[Any]
@@ -54,14 +55,14 @@ class Interval:
         return (self.value - self.parameter.null) / self.parameter.deviation
 
 
-def intervals(fitted: JointFit, tied: Array) -> dict[str, Interval]:
+def intervals(fitted: JointFit, tied: CovarianceRows) -> dict[str, Interval]:
     """Return the intervals of all parameters of a joint fit, by name.
 
     Parameters
     ----------
     fitted : JointFit
-    tied : ndarray (k, bins)
-        Rows of the discrepancy.
+    tied : CovarianceRows
+        Of the discrepancy.
 
     Notes
     -----
@@ -77,8 +78,8 @@ def intervals(fitted: JointFit, tied: Array) -> dict[str, Interval]:
     slope = np.asarray(solution.rows @ projected, float) - fitted.departures() / deviation**2
     bound_precision = np.where(held, slope**2 / inflation, 0.0)
     own = np.linalg.inv(solution.precision + np.diag(bound_precision))
-    # The metric on the side of the fewer rows: those of the discrepancy are a gigabyte.
-    cross = np.asarray(fitted.metric.project(solution.rows)) @ tied.T
+    # The metric on the side of the fewer rows.
+    cross = tied.products(fitted.metric.project(solution.rows))
     found = {}
     for k, p in enumerate(fitted.parameters):
         # Of what a bound holds, as if it did not; the bounds of the others stay.

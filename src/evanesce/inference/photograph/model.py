@@ -25,7 +25,7 @@ from evanesce.inference.photograph.picture import Photograph
 from evanesce.inference.posterior import Further
 from evanesce.inference.search import Search
 from evanesce.inference.single_effects import UNKNOWN, cause_of
-from evanesce.prediction.linear import Metric
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.noise import Noise
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.tone import expected_tone
@@ -205,15 +205,15 @@ class PhotoFitter(Fitter):
 class PhotoDiscrepancy(Discrepancy):
     """Discrepancy with the even blur in it: its form is not known, and varies over the frame."""
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins) of each cause and of the blur."""
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
+        """Return the rows of each cause and of the blur."""
         whole, blur = self.model.cube(fitted.point), fitted.point["@blur"]
         other = ({"@blur": SHARPEST_BINS}, {"@blur": 2.0 * blur}, {"@disc": 0.0}, {"@disc": 1.0})
         found = [super().tied(fitted)]
         for changed in other:
             change = whole - self.model.cube({**fitted.point, **changed})
             found.append(tied_rows(self.model.data, change, BLUR_FORM, by_view=False))
-        return np.concatenate(found)
+        return CovarianceRows.joined(*found)
 
 
 class PhotoJudge(Judge):

@@ -16,13 +16,14 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.core.errors import InputError
 from evanesce.inference.causes import Cause
 from evanesce.inference.data import DataVector
-from evanesce.inference.discrepancy import Discrepancy
+from evanesce.inference.discrepancy import Discrepancy, FormRows
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel, one_by_one
 from evanesce.inference.series.model import SeriesBank, SeriesDiscrepancy, SeriesModel, unknown_rows
 from evanesce.inference.series.rows import rows_of
 from evanesce.inference.shapes import FormBank, form_predictor
 from evanesce.inference.single_effects import UNKNOWN
+from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.parameters import Parameter
 
@@ -56,9 +57,9 @@ def bank_of(model: AnchoredModel, point: Point, tell: Tell = lambda line: None) 
     return bank
 
 
-def discrepancy_of(model: AnchoredModel) -> Discrepancy:
-    """Return the discrepancy for a model of :func:`with_series`."""
-    return FramesAndSeriesDiscrepancy(model) if isinstance(model, FramesAndSeries) else Discrepancy(model)
+def discrepancy_of(model: AnchoredModel, rows: FormRows | None = None) -> Discrepancy:
+    """Return the discrepancy for a model of :func:`with_series`; rows of frames as of :class:`Discrepancy`."""
+    return (FramesAndSeriesDiscrepancy if isinstance(model, FramesAndSeries) else Discrepancy)(model, rows)
 
 
 class FramesAndSeries(AnchoredModel):
@@ -151,13 +152,18 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
 
     model: FramesAndSeries
 
-    def light(self, fitted: JointFit) -> Array:
-        """Return the rows (k, bins + rows) of the nominal light."""
-        return _beside(super().light(fitted), SeriesDiscrepancy(self.model.series).light(fitted))
+    def light(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of the nominal light."""
+        return _rows_beside(super().light(fitted), SeriesDiscrepancy(self.model.series).light(fitted))
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> Array:
-        """Return the rows (k, bins + rows) of each cause, and of what extrapolation to finer pixels added."""
-        return _beside(super().tied(fitted, fine), SeriesDiscrepancy(self.model.series).tied(fitted))
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
+        """Return the rows of each cause, and of what extrapolation to finer pixels added."""
+        return _rows_beside(super().tied(fitted, fine), SeriesDiscrepancy(self.model.series).tied(fitted))
+
+
+def _rows_beside(frames: CovarianceRows, series: CovarianceRows) -> CovarianceRows:
+    """Return the same of rows of a covariance; series follow the bins, whose stretches stay."""
+    return CovarianceRows(_beside(frames.whole, series.whole), frames.stretches)
 
 
 def _beside(frames: Array, series: Array) -> Array:

@@ -32,7 +32,7 @@ from evanesce.inference.series.picture import Curve
 from evanesce.inference.series.rows import ASSUMED_SIGMA, Rows, rows_of
 from evanesce.inference.series.search import SeriesSearch
 from evanesce.inference.single_effects import UNKNOWN
-from evanesce.prediction.linear import Metric
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.observe import Observation, model_scene
 
 Array = NDArray[Any]
@@ -255,18 +255,18 @@ class SeriesLeft:
         return ", ".join(words)
 
 
-def left_of(model: SeriesModel, fitted: JointFit, tied: Array) -> SeriesLeft:
+def left_of(model: SeriesModel, fitted: JointFit, tied: CovarianceRows) -> SeriesLeft:
     """Return what is left of the rows that were fitted.
 
     Parameters
     ----------
     model : SeriesModel
     fitted : JointFit
-    tied : ndarray (k, rows)
-        Rows of the discrepancy.
+    tied : CovarianceRows
+        Of the discrepancy.
     """
     metric, believed = everything_marginalised(fitted)
-    whole = Metric.of(np.concatenate([metric.rows, tied]), np.ones(len(metric.rows) + len(tied)))
+    whole = metric.with_rows(tied)
     square = float(whole.project(believed) @ believed)
     found = {}
     for one, part in zip(model.data.series, model.data.parts, strict=True):

@@ -24,6 +24,7 @@ from evanesce.inference.shapes import BEHIND, SHAPES, drawn_points, sources_of
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.inference.unknown import at_largest_strength
 from evanesce.prediction import priors
+from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, value_of
 from evanesce.render.fast.field_files import read_arrays, write_arrays
@@ -211,13 +212,13 @@ class SeriesDiscrepancy:
     def __init__(self, model: SeriesModel) -> None:
         self.model = model
 
-    def light(self, fitted: JointFit) -> Array:
-        """Return the rows (k, rows) of the nominal light."""
+    def light(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of the nominal light."""
         light = [p for p in self.model.nuisances() if p.name == "@light"]
         return self._smooth([OWN_LIGHT * self.model.derivative(fitted.point, p) for p in light])
 
-    def tied(self, fitted: JointFit) -> Array:
-        """Return the rows (k, rows) of each cause."""
+    def tied(self, fitted: JointFit) -> CovarianceRows:
+        """Return the rows of each cause."""
         model, changes = self.model, []
         whole = model.vector(fitted.point)
         for taken in fitted.taken:
@@ -227,14 +228,15 @@ class SeriesDiscrepancy:
                 continue
         return self._smooth(changes)
 
-    def every_row(self, fitted: JointFit) -> Array:
-        """Return all rows (k, rows) of a joint fit, the model anchored about it."""
-        return np.concatenate([self.light(fitted), self.tied(fitted)])
+    def every_row(self, fitted: JointFit) -> CovarianceRows:
+        """Return all rows of a joint fit, the model anchored about it."""
+        return CovarianceRows.joined(self.light(fitted), self.tied(fitted))
 
-    def _smooth(self, changes: Sequence[Array]) -> Array:
+    def _smooth(self, changes: Sequence[Array]) -> CovarianceRows:
         data = self.model.data
         waves = cosines(data, WAVES, normed=True) / np.sqrt(WAVES)
-        return np.concatenate([np.zeros((0, data.sd.size)), *(waves * change for change in changes)])
+        rows = np.concatenate([np.zeros((0, data.sd.size)), *(waves * change for change in changes)])
+        return CovarianceRows(rows)
 
 
 def cosines(data: Rows, count: int, *, normed: bool = False) -> Array:

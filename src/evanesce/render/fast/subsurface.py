@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +28,73 @@ LARGEST_CELL_MM = 0.0625
 SOLVED = 1e-5
 """Residual of the light in the body over what enters it, root mean squares, at which it is solved."""
 
+ROUNDED = 1e-6
+"""Reflectances that differ by less are the same [1]."""
+
+BOX_CELLS, SHAPES_KEPT = 16, 16
+"""Sides of what is solved are multiples of so many cells: transforms for so many shapes are kept."""
+
+
+class Spread:
+    """How light that enters one cell of the surface spreads over it, where the surface is the same everywhere.
+
+    What reaches a surface of reflectance R from inside is partly sent back, and spreads again: K + K R K + ... of what
+    the body returns once, K. In an endless plane that is a product of Fourier transforms.
+
+    Parameters
+    ----------
+    kernel : ndarray (2 reach + 1, 2 reach + 1)
+        K: of what enters a cell, the share that comes back to the surface in each cell around it; the same to either
+        side.
+    beyond : float
+        R [1].
+    """
+
+    def __init__(self, kernel: Array, beyond: float = 0.0) -> None:
+        self.beyond = beyond
+        self.kernel = kernel if beyond == 0.0 else _returned(kernel, beyond)
+        self._over: OrderedDict[tuple[int, int], Callable[[Image], Image]] = OrderedDict()
+
+    def over(self, shape: tuple[int, int]) -> Callable[[Image], Image]:
+        """Return what spreads irradiance over a grid (rows, cols) of that shape.
+
+        Parameters
+        ----------
+        shape : tuple of int
+        """
+        if shape not in self._over:
+            self._over[shape] = self._made(*shape)
+            while len(self._over) > SHAPES_KEPT:
+                self._over.popitem(last=False)
+        self._over.move_to_end(shape)
+        return self._over[shape]
+
+    def _made(self, rows: int, cols: int) -> Callable[[Image], Image]:
+        middle = [n // 2 for n in self.kernel.shape]
+        reach_y, reach_x = (min(n - 1, m) for n, m in zip((rows, cols), middle, strict=True))
+        cut = self.kernel[middle[0] - reach_y : middle[0] + reach_y + 1, middle[1] - reach_x : middle[1] + reach_x + 1]
+        # Padded by one reach: what wraps falls outside the rows and columns that are kept.
+        shape: Any = [fft.next_fast_len(n + r, real=True) for n, r in ((rows, reach_y), (cols, reach_x))]
+        transform = fft.rfft2(_about_origin(cut, shape).astype(np.float32))
+        return lambda field: fft.irfft2(fft.rfft2(field, shape) * transform, shape)[:rows, :cols]
+
+
+def _about_origin(kernel: Array, shape: tuple[int, int]) -> Array:
+    """Return a kernel, odd in its sides, on a periodic grid with its middle at the first cell."""
+    found = np.zeros(shape)
+    at = [np.arange(-(n // 2), n // 2 + 1) % size for n, size in zip(kernel.shape, shape, strict=True)]
+    found[np.ix_(*at)] = kernel
+    return found
+
+
+def _returned(kernel: Array, beyond: float) -> Array:
+    """Return K / (1 - R K) of a kernel K (2 reach + 1, 2 reach + 1), as far as that reaches."""
+    shape: Any = [fft.next_fast_len(2 * n, real=True) for n in kernel.shape]
+    once = fft.rfft2(_about_origin(kernel, shape))
+    found = fft.irfft2(once / (1.0 - beyond * once), shape)
+    at = [np.arange(-(n // 2), n // 2 + 1) for n in kernel.shape]
+    return np.asarray(found[np.ix_(*at)])
+
 
 @dataclass(frozen=True)
 class Subsurface:
@@ -35,10 +104,10 @@ class Subsurface:
     ----------
     cell : float
         [mm].
-    kernel : ndarray (2 reach + 1, 2 reach + 1)
-        Of :func:`evanesce.optics.subsurface.profile_kernel`, sides in cells.
+    spread : Spread
+        Of :func:`evanesce.optics.subsurface.profile_kernel` in cells, below an open surface.
     inside : ndarray (gaps,)
-        Reflectance that the body's light meets at its surface [1].
+        Reflectance that the body's light meets at its surface [1]; the open surface has the largest.
     leave : ndarray (gaps,)
         Radiance in air towards the lens per irradiance that reaches the surface from inside [1/sr].
     share : float
@@ -46,7 +115,7 @@ class Subsurface:
     """
 
     cell: float
-    kernel: Array
+    spread: Spread
     inside: Array
     leave: Array
     share: float = 1.0
@@ -81,59 +150,72 @@ def subsurface_of(
         f"{gaps.size} {gaps[-1]:.17g} {interface.wavelength:.17g} {n1:.17g} {n3:.17g}",
         lambda: np.array(internal_diffuse_reflectance(gaps, interface.wavelength, n1, n3)),
     )
-    inside = by_gap.copy()
+    open_inside = open_inside_reflectance(n3, n1)
+    # The lens's aperture averages the fringes of wider films, by which some films reflect a thousandth more than these.
+    inside = np.minimum(by_gap, open_inside)
+    inside[-1] = open_inside
     through = np.array(frustrated_transmittance(np.cos(view), gaps, interface.wavelength, n1, n3))
-    # The lens's aperture averages the fringes of wider films.
-    inside[-1] = open_inside_reflectance(n3, n1)
     cos_inside = math.sqrt(1.0 - min(1.0, (n1 / n3 * math.sin(view)) ** 2))
     through[-1] = open_film_transmittance(cos_inside, n3, n1)
     leave = through / np.pi * (n1 / n3) ** 2 * window
-    return Subsurface(cell, kernel, inside, np.asarray(leave))
+    return Subsurface(cell, Spread(kernel, open_inside), inside, np.asarray(leave))
 
 
-def body_light(kernel: Array, irradiance: Array, inside: Array) -> Array:
+def body_light(spread: Spread, irradiance: Array, inside: Array) -> Array:
     """Return the irradiance that reaches the surface from inside: J = K * (E + R J).
 
-    Light that the surface sends back enters anew where it is, and spreads again. With z = sqrt(R) J the equation is
-    symmetric and positive definite: (1 - sqrt(R) K sqrt(R)) z = sqrt(R) K E, solved by conjugate gradients.
+    With L the light's spread below a surface of reflectance R' everywhere, J = L * (E + (R - R') J): unknown is J only
+    where R differs from R'. With z = sqrt(|R - R'|) J the equation is symmetric and positive definite there, and solved
+    by conjugate gradients.
 
     Parameters
     ----------
-    kernel : ndarray (2 rows + 1, 2 cols + 1) or larger, odd
-        K: of what enters a cell, the share that comes back to the surface in each cell around it; the same to either
-        side.
+    spread : Spread
+        L; R' is also that of the surface beyond the grid.
     irradiance : ndarray (rows, cols)
         E: enters through the surface [W/mm^2].
     inside : ndarray (rows, cols)
-        R: reflectance of the surface from inside [1].
+        R: reflectance of the surface from inside [1]; nowhere below R' or nowhere above it.
+
+    Raises
+    ------
+    ValueError
+        If R is below R' at one place and above it at another.
     """
-    rows, cols = irradiance.shape
-    middle_y, middle_x = kernel.shape[0] // 2, kernel.shape[1] // 2
-    reach_y, reach_x = min(rows - 1, middle_y), min(cols - 1, middle_x)
-    cut = kernel[middle_y - reach_y : middle_y + reach_y + 1, middle_x - reach_x : middle_x + reach_x + 1]
-    shape: Any = [fft.next_fast_len(n + r, real=True) for n, r in ((rows, reach_y), (cols, reach_x))]
-    # Padded by one reach: what wraps falls outside the rows and columns that are kept.
-    around = np.zeros(shape, np.float32)
-    index_y, index_x = np.arange(-reach_y, reach_y + 1) % shape[0], np.arange(-reach_x, reach_x + 1) % shape[1]
-    around[index_y[:, None], index_x[None, :]] = cut
-    transform = fft.rfft2(around)
-
-    def spread(field: Array) -> Array:
-        return np.asarray(fft.irfft2(fft.rfft2(field, shape) * transform, shape)[:rows, :cols])
-
-    root, once = np.sqrt(inside).astype(np.float32), spread(irradiance.astype(np.float32))
+    differs = inside.astype(np.float32) - np.float32(spread.beyond)
+    sign = np.float32(-1.0 if differs.min() < 0.0 else 1.0)
+    if (sign * differs).min() < -ROUNDED:
+        raise ValueError("a surface that reflects more at one place and less at another than beyond the grid")
+    box = _box((np.abs(differs) > ROUNDED) | (irradiance != 0.0))
+    entering = irradiance[box].astype(np.float32)
+    root = np.sqrt(np.abs(differs[box]))
+    own = spread.over(entering.shape)
+    once = own(entering)
     residual = root * once
     found, way = np.zeros_like(residual), residual
     square, enough = float(np.vdot(residual, residual)), SOLVED**2 * float(np.vdot(once, once))
     for _ in range(200):
         if square <= enough:
             break
-        image = way - root * spread(root * way)
+        image = way - sign * root * own(root * way)
         length = square / float(np.vdot(way, image))
         found, residual = found + length * way, residual - length * image
         before, square = square, float(np.vdot(residual, residual))
         way = residual + (square / before) * way
-    return np.asarray(once + spread(root * found), float)
+    whole = np.zeros(irradiance.shape, np.float32)
+    whole[box] = entering + sign * root * found
+    return np.asarray(spread.over(whole.shape)(whole), float)
+
+
+def _box(some: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns of a box about some cells, sides in steps of :data:`BOX_CELLS` where they can be."""
+    col, row, wide, high = cv2.boundingRect(some.astype(np.uint8))
+    found = []
+    for first, length, count in ((row, high, some.shape[0]), (col, wide, some.shape[1])):
+        side = min(max(-(-length // BOX_CELLS) * BOX_CELLS, 1), count)
+        start = min(first, count - side)
+        found.append(slice(start, start + side))
+    return found[0], found[1]
 
 
 def subsurface_radiance(
@@ -177,6 +259,6 @@ def subsurface_radiance(
     coarse = (max(1, round(cols * pitch / tables.cell)), max(1, round(rows * pitch / tables.cell)))
     entering = cv2.resize(whole(irradiance, 0.0), coarse, interpolation=cv2.INTER_AREA).astype(float)
     inside = cv2.resize(at(tables.inside), coarse, interpolation=cv2.INTER_AREA).astype(float)
-    found = body_light(tables.kernel, entering, inside)
+    found = body_light(tables.spread, entering, inside)
     body = cv2.resize(np.asarray(found, np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
     return np.asarray(np.maximum(body, 0.0) * at(tables.leave), np.float32)

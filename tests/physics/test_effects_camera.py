@@ -16,7 +16,7 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import ContactState, Frame, PlateGrid, PlateLight, SensorLight
 from evanesce.effects import Context, all_effects
 from evanesce.effects.lens.defocus import discrete_gaussian
-from evanesce.effects.lens.distortion_drift import shifted
+from evanesce.effects.lens.distortion_drift import Shift
 from evanesce.effects.lens.rolling_shutter import mean_light
 from evanesce.effects.lens.sensor_dust import obstructed_share
 from evanesce.effects.readout.compression import quantised
@@ -252,7 +252,7 @@ def test_shift_is_exact_for_quadratics_and_whole_pixels() -> None:
     shift = 2.0 + 0.013 * u - 0.02 * v
     quadratic = 0.7 * (u - 3) ** 2 - 2.0 * u
     wanted = 0.7 * (u + shift - 3) ** 2 - 2.0 * (u + shift)
-    np.testing.assert_allclose(shifted(quadratic, shift, axis=1)[:, 2:-8], wanted[:, 2:-8], rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(Shift.of(shift, axis=1)(quadratic)[:, 2:-8], wanted[:, 2:-8], rtol=1e-10, atol=1e-9)
     plain = rig(**{"camera.lens.distortion": {"k1": 0.0, "k2": 0.0}})
     image = np.random.default_rng(6).random((ROWS, COLS))
     found = lit("distortion_drift", image, plain, centre_x_um=3 * PITCH, centre_y_um=-2 * PITCH)

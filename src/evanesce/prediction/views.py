@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -69,4 +70,6 @@ def binned(image: Array, side: int = BIN_PX) -> Array:
     """Return the means of ``side`` x ``side`` bins of the last two axes; what fills no bin is left out."""
     rows, cols = image.shape[-2] // side, image.shape[-1] // side
     whole = np.asarray(image[..., : rows * side, : cols * side], float)
-    return np.asarray(whole.reshape(*image.shape[:-2], rows, side, cols, side).mean(axis=(-3, -1)))
+    # Slice by slice: a mean over two short axes of an array of four takes four times as long.
+    by_row = functools.reduce(np.add, [whole[..., k::side, :] for k in range(side)])
+    return np.asarray(functools.reduce(np.add, [by_row[..., k::side] for k in range(side)]) / side**2)

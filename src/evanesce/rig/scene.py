@@ -216,6 +216,21 @@ class Scene(Strict):
         """
         return self.model_dump(mode="json", exclude_none=True)
 
+    def table(self, name: str) -> dict[str, Any]:
+        """Return one of the tables of :meth:`as_dict`, a tenth of the work.
+
+        Parameters
+        ----------
+        name : str
+            Of a table that every scene has.
+
+        Returns
+        -------
+        dict
+        """
+        found: dict[str, Any] = getattr(self, name).model_dump(mode="json", exclude_none=True)
+        return found
+
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """Build a scene from nested tables, as a TOML file has them; :meth:`as_dict` gives them back.

@@ -7,7 +7,7 @@ into the image are those of the nominal lens; areas on the plate are compared wi
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,20 +66,14 @@ def apply(light: SensorLight, parameters: Parameters, context: Context) -> Senso
     if all(getattr(parameters, name) == 0.0 for name in AMPLITUDES):
         return light
     image = np.asarray(light.irradiance, np.float64)
-    right, down, slope, gain = _warp(
-        context.scene.camera, context.scene.plate, parameters, (image.shape[0], image.shape[1])
-    )
-    # Two passes. The first moves rows' light along the row, where it is read by the second: one line further on.
-    moved = shifted(shifted(image, right - down * slope, axis=1), down, axis=0)
+    along, across, gain = _warp(context.scene.camera, context.scene.plate, parameters, image.shape)
+    moved = across(along(image))
     return SensorLight(irradiance=np.maximum(moved * gain, 0.0))
 
 
 @functools.lru_cache(maxsize=2)  # frames of one trial share it
-def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int, int]) -> list[Array]:
-    """Return how far right and below of each pixel its light stood [px], the first's slope downwards, and light's gain.
-
-    Each an ndarray (rows, cols).
-    """
+def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int, ...]) -> tuple[Shift, Shift, Array]:
+    """Return how an image is read along its rows and then down them, and the light's gain (rows, cols)."""
     nominal = Projection.of(camera, plate)
     added = (parameters.k1, parameters.k2, parameters.p1, parameters.p2, parameters.k3)
     k1, k2, p1, p2, k3 = (old + new for old, new in zip(nominal.distortion, added, strict=True))
@@ -107,7 +101,9 @@ def _warp(camera: Camera, plate: Plate, parameters: Parameters, shape: tuple[int
     gain = distortion_jacobian(*direction, nominal.distortion) / compressed
     right, down = x * focal + axis[0] - u, y * focal + axis[1] - v
     steeper = np.gradient(spread_y, axis=0) @ right @ spread_x.T
-    return [spread_y @ right @ spread_x.T, spread_y @ down @ spread_x.T, steeper, spread_y @ gain @ spread_x.T]
+    right, down, gain = (spread_y @ values @ spread_x.T for values in (right, down, gain))
+    # The first moves rows' light along the row, where it is read by the second: one line further on.
+    return Shift.of(right - down * steeper, axis=1), Shift.of(down, axis=0), gain
 
 
 @functools.lru_cache(maxsize=8)
@@ -121,49 +117,65 @@ def _interpolation(count: int) -> tuple[Array, Array]:
     return np.asarray((np.cos(angle) + 1.0) * (count - 1) / 2), np.asarray(matrix)
 
 
-def shifted(image: Array, shift: Array, *, axis: int) -> Array:
-    """Return ``image`` read at ``shift`` [px] further along an axis, by Keys' cubic convolution; borders are continued.
+@dataclass(frozen=True)
+class Shift:
+    """How an image is read some way along an axis from each pixel, by Keys' cubic convolution; borders are continued.
 
     ``cv2.remap`` resolves 1/32 px only: the effect of less would vanish in a fit.
 
-    Parameters
+    Attributes
     ----------
-    image : ndarray (rows, cols)
-        Any unit.
-    shift : ndarray (rows, cols)
-        [px].
     axis : int
         0 down the rows, 1 along them.
-
-    Returns
-    -------
-    ndarray (rows, cols)
+    beyond : int
+        By how much an image is continued beyond its borders [px].
+    first : ndarray of int (rows, cols)
+        Place of the first of four taps among all numbers of the continued image.
+    weights : ndarray (4, rows, cols)
+        Of the taps [1].
 
     References
     ----------
     R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. Acoust., Speech, Signal
     Processing 29 (1981) 1153; with a = -1/2 quadratics are reproduced exactly.
     """
-    beyond = int(np.abs(shift).max()) + 3
-    padded = np.pad(image, [(0, 0), (beyond, beyond)] if axis == 1 else [(beyond, beyond), (0, 0)], mode="edge")
-    stride = 1 if axis == 1 else padded.shape[1]
-    rows, cols = image.shape
-    # Where the first of four taps of an unshifted pixel stands among all numbers of the padded image.
-    first = (np.arange(rows)[:, None]) * padded.shape[1] + np.arange(cols) + (beyond - 1) * stride
-    values, total = padded.ravel(), np.empty_like(image)
-    for start in range(0, rows, STRIPE_ROWS):  # what is worked on stays in the processor's cache
-        part = np.s_[start : start + STRIPE_ROWS]
-        whole = np.floor(shift[part])
-        f = shift[part] - whole
+
+    axis: int
+    beyond: int
+    first: NDArray[np.intp]
+    weights: Array
+
+    @classmethod
+    def of(cls, shift: Array, axis: int) -> Shift:
+        """Return that by a shift (rows, cols) [px]."""
+        beyond = int(np.abs(shift).max()) + 3
+        rows, cols = shift.shape
+        wide = cols + 2 * beyond * axis
+        stride = 1 if axis == 1 else wide
+        whole = np.floor(shift)
+        f = shift - whole
         f2 = f * f
         f3 = f2 * f
-        at = first[part] + stride * whole.astype(np.int64)
-        found = (f2 - 0.5 * (f3 + f)) * values.take(at)
-        found += (1.5 * f3 - 2.5 * f2 + 1.0) * values.take(at + stride)
-        found += (2.0 * f2 - 1.5 * f3 + 0.5 * f) * values.take(at + 2 * stride)
-        found += 0.5 * (f3 - f2) * values.take(at + 3 * stride)
-        total[part] = found
-    return total
+        first = np.arange(rows)[:, None] * wide + np.arange(cols) + (beyond - 1) * stride
+        weights = np.array(
+            [f2 - 0.5 * (f3 + f), 1.5 * f3 - 2.5 * f2 + 1.0, 2.0 * f2 - 1.5 * f3 + 0.5 * f, 0.5 * (f3 - f2)]
+        )
+        return cls(axis, beyond, first + stride * whole.astype(np.intp), weights)
+
+    def __call__(self, image: Array) -> Array:
+        """Return an image (rows, cols) read so."""
+        around = (self.beyond, self.beyond)
+        padded = np.pad(image, [(0, 0), around] if self.axis == 1 else [around, (0, 0)], mode="edge")
+        stride = 1 if self.axis == 1 else padded.shape[1]
+        values, total = padded.ravel(), np.empty_like(image)
+        for start in range(0, len(image), STRIPE_ROWS):  # what is worked on stays in the processor's cache
+            part = np.s_[start : start + STRIPE_ROWS]
+            at = self.first[part]
+            found = self.weights[0, part] * values.take(at)
+            for tap in range(1, 4):
+                found += self.weights[tap, part] * values.take(at + tap * stride)
+            total[part] = found
+        return total
 
 
 EFFECT = Effect(

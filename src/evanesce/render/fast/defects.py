@@ -150,8 +150,7 @@ def _field_of(scene: Scene, level: float) -> _Table:
 
 def _contact_parts(scene: Scene, level: float) -> list[Any]:
     """Return all that the radiance of a contact depends on, up to the LEDs' level."""
-    data = scene.as_dict()
-    optical = [data["finger"]["refractive_index"], data["finger"]["diffuse_reflectance"], scene.camera.wavelength_nm]
+    optical = [scene.finger.refractive_index, scene.finger.diffuse_reflectance, scene.camera.wavelength_nm]
     return ["contact radiance 2", *_light_parts(scene, level), optical]
 
 
@@ -162,11 +161,10 @@ def _guided_field_of(scene: Scene, level: float) -> _Table:
 
 def _light_parts(scene: Scene, level: float) -> list[Any]:
     """Return all that the guided field depends on, up to the LEDs' level."""
-    data = scene.as_dict()
     shares = {e: np.round(r / level, 9).tolist() for e, r in radiances_of(scene).items()}
     positions = {e: p.tolist() for e, p in led_positions(scene.plate, scene.leds).items()}
-    faces = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
-    return [data["plate"], faces, shares, positions]
+    faces = [scene.leds.emitting_width_mm, scene.leds.emitting_height_mm, scene.leds.air_gap_share]
+    return [scene.table("plate"), faces, shares, positions]
 
 
 def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Array]]) -> _Table:

@@ -107,7 +107,7 @@ def fields_of(scene: Scene) -> Fields:
     scene : Scene
     """
     radiances = stacked_radiances(edge_light(scene))
-    tables, grid = _tables_digest(scene), scene.as_dict()["grid"]
+    tables, grid = _tables_digest(scene), scene.table("grid")
     scattering = scene.finger.scattering_length_mm, scene.finger.scattering_share
     key = digest([rig_digest(scene), tables, radiances.tolist(), scattering, grid])
     return kept("fields", key, lambda: _assemble(scene, radiances, tables))

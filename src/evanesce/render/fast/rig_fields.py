@@ -7,7 +7,9 @@ and is kept on disk. The rig's own fields follow from it by linear algebra.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,9 +150,8 @@ def unit_digest(scene: Scene) -> str:
     ----------
     scene : Scene
     """
-    data = scene.as_dict()
     finger = ("position_mm", "refractive_index", "tip_radius_mm", "diameter_mm", "length_mm")
-    parts = [{key: data[table][key] for key in keys} for table, keys in (("finger", finger), ("grid", ("size_mm",)))]
+    parts = [_chosen(scene.table(table), keys) for table, keys in (("finger", finger), ("grid", ("size_mm",)))]
     return digest([plate_digest(scene), parts])
 
 
@@ -161,12 +162,15 @@ def plate_digest(scene: Scene) -> str:
     ----------
     scene : Scene
     """
-    data = scene.as_dict()
     plate = ("size_mm", "thickness_mm", "refractive_index", "absorption_coefficient_per_mm", "edge_polish")
     leds = ("emitting_width_mm", "emitting_height_mm", "air_gap_share")
     positions = {edge: own.tolist() for edge, own in led_positions(scene.plate, scene.leds).items()}
-    parts = [{key: data[table][key] for key in keys} for table, keys in (("plate", plate), ("leds", leds))]
+    parts = [_chosen(scene.table(table), keys) for table, keys in (("plate", plate), ("leds", leds))]
     return digest([FORMAT, parts, positions])
+
+
+def _chosen(table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
+    return {key: table[key] for key in keys}
 
 
 def unit_light(scene: Scene) -> UnitLight:

@@ -84,7 +84,7 @@ def geometry_digest(scene: Scene) -> str:
     ----------
     scene : Scene
     """
-    data = scene.as_dict()["finger"]
+    data = scene.table("finger")
     finger = {k: data[k] for k in ("position_mm", "tip_radius_mm", "diameter_mm", "length_mm")}
     return digest([sight_digest(scene), finger])
 
@@ -96,6 +96,7 @@ def sight_digest(scene: Scene) -> str:
     ----------
     scene : Scene
     """
-    data = scene.as_dict()
-    camera = {k: v for k, v in data["camera"].items() if k not in _NOT_GEOMETRY}
-    return digest([camera, {k: data["plate"][k] for k in ("thickness_mm", "refractive_index")}])
+    camera = {k: v for k, v in scene.table("camera").items() if k not in _NOT_GEOMETRY}
+    return digest(
+        [camera, {"thickness_mm": scene.plate.thickness_mm, "refractive_index": scene.plate.refractive_index}]
+    )

@@ -189,7 +189,7 @@ def body_light(spread: Spread, irradiance: Array, inside: Array) -> Array:
     box = _box((np.abs(differs) > ROUNDED) | (irradiance != 0.0))
     entering = irradiance[box].astype(np.float32)
     root = np.sqrt(np.abs(differs[box]))
-    own = spread.over(entering.shape)
+    own = spread.over((entering.shape[0], entering.shape[1]))
     once = own(entering)
     residual = root * once
     found, way = np.zeros_like(residual), residual
@@ -202,9 +202,10 @@ def body_light(spread: Spread, irradiance: Array, inside: Array) -> Array:
         found, residual = found + length * way, residual - length * image
         before, square = square, float(np.vdot(residual, residual))
         way = residual + (square / before) * way
-    whole = np.zeros(irradiance.shape, np.float32)
+    rows, cols = irradiance.shape
+    whole = np.zeros((rows, cols), np.float32)
     whole[box] = entering + sign * root * found
-    return np.asarray(spread.over(whole.shape)(whole), float)
+    return spread.over((rows, cols))(whole).astype(float)
 
 
 def _box(some: NDArray[np.bool_]) -> tuple[slice, slice]:

@@ -15,10 +15,9 @@ is ``volpath`` of Mitsuba 3.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
@@ -26,6 +25,9 @@ from evanesce.core.rng import generator
 from evanesce.core.states import ContactState
 from evanesce.optics.subsurface import absorption_coefficient
 from evanesce.rig import Finger
+
+if TYPE_CHECKING:
+    import trimesh
 
 Array = NDArray[np.float64]
 Boundary = Literal["matched", "air"]
@@ -117,6 +119,8 @@ def slab_body(touching: Any, *, half: float, depth: float, cell: float, fine: fl
     after = np.roll(rim, -1)
     sides = np.concatenate([np.stack([rim, after, after + count], 1), np.stack([rim, after + count, rim + count], 1)])
     faces = np.concatenate([down, down[:, ::-1] + count, sides])
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     middle = mesh.triangles_center
     low = np.arange(len(faces)) < len(down)
@@ -145,6 +149,8 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     below = [(0.0, 0.0), *((float(q), float(radius - np.sqrt(max(radius**2 - q**2, 0.0)))) for q in r)]
     top = max(finger.length_mm, below[-1][1] + 1.0)
     profile = np.array([*below, (half, top), (0.0, top)])
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     mesh = trimesh.creation.revolve(profile, sections=sections)
     mesh.merge_vertices()
     vertices = np.array(mesh.vertices)
@@ -157,6 +163,8 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     height = np.where(lower, (1 - blend) * gap + blend * np.maximum(sphere, 0.0), vertices[:, 2])
     vertices[:, 2] = np.where(gap <= TOUCHING_MM, np.where(lower & (distance < reach), 0.0, height), height)
     vertices[:, :2] += (cx, cy)
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     mesh = trimesh.Trimesh(vertices, mesh.faces, process=False)
     if mesh.volume < 0:
         mesh.invert()

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
@@ -19,6 +18,9 @@ from evanesce.render.reference.bsdf import InterfaceOptics, blended_bsdf, frustr
 from evanesce.render.reference.edge import edge_bsdf
 from evanesce.render.reference.haze import face_share, hazy
 from evanesce.rig import Finger, Scene
+
+if TYPE_CHECKING:
+    import trimesh
 
 Array = NDArray[np.float64]
 EDGES = ("left", "right", "top", "bottom")
@@ -170,6 +172,8 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
     if finger.length_mm > profile[-1][1]:
         profile.append((half, finger.length_mm))
     profile.append((0.0, profile[-1][1]))
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     mesh = trimesh.creation.revolve(np.array(profile), sections=FINGER_SEGMENTS)
     vertices = mesh.vertices + np.array([*finger.position_mm, -depth])
     vertices[:, 2] = np.maximum(vertices[:, 2], FINGER_CLEARANCE)

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from evanesce.core.states import ContactState, PlateLight
@@ -159,6 +158,8 @@ def _finger(scene: Scene, depth: float) -> dict[str, Any]:
     half = min(scene.finger.diameter_mm / 2, scene.finger.tip_radius_mm)
     finger = PressedFinger((0.0, 0.0), scene.finger.tip_radius_mm, half, scene.finger.length_mm, depth)
     r, z, _ = finger.rings()
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     mesh = trimesh.creation.revolve(np.stack([np.append(r, 0.0), np.append(z, z[-1])], axis=1), sections=SECTIONS)
     raised = mesh.vertices + np.array([*scene.finger.position_mm, 2 * CLEARANCE_MM])
     body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}

@@ -17,7 +17,7 @@ from evanesce.optics.seen import seen_at
 from evanesce.optics.subsurface import profile_kernel
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.patch import patch_radiance
-from evanesce.render.fast.subsurface import LARGEST_CELL_MM
+from evanesce.render.fast.subsurface import LARGEST_CELL_MM, Spread
 from evanesce.rig import Camera, Ridges, Scene
 from evanesce.rig.finger import HertzLaw
 from evanesce.sensor.expose import charge_of
@@ -153,7 +153,8 @@ def with_length(fields: Fields, reflectance: float, length: float, pitch: float)
         raise ValueError("the fields have no subsurface scattering")
     cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
     kernel = profile_kernel(reflectance, length, cell, math.ceil(GRID_MM / cell))
-    return replace(fields, subsurface=replace(fields.subsurface, cell=cell, kernel=kernel))
+    spread = Spread(kernel, fields.subsurface.spread.beyond)
+    return replace(fields, subsurface=replace(fields.subsurface, cell=cell, spread=spread))
 
 
 def blur_mm(camera: Camera) -> float:

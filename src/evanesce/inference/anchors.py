@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,3 +86,14 @@ class Anchors:
             self._reach = max(self._reach, away[nearest])
         self._kept = [*self._kept, made][-KEEP:]
         return made
+
+    def stay(self, coarse: Array, found: Evaluated) -> None:
+        """Take what the fine model added somewhere for what it adds where the coarse one predicts other bins.
+
+        Parameters
+        ----------
+        coarse : ndarray (views, rows, cols)
+            [DN].
+        found : Evaluated
+        """
+        self._kept = [*self._kept, replace(found, coarse=coarse)][-KEEP:]

@@ -103,6 +103,7 @@ class AnchoredModel:
         """What extrapolation to finer pixels added at the anchor (views, rows, cols) [DN]."""
         groups = [[k for k, v in enumerate(data.views) if v.is_card is card] for card in (False, True)]
         self._anchors = [(views, Anchors(partial(_size, data, views))) for views in groups if views]
+        self._anchored: list[Evaluated] = []
 
     def list_defects(self, effect: str, settings: Mapping[str, Any]) -> None:
         """Hand over the places of an effect's defects; they act where a point names the effect.
@@ -142,12 +143,29 @@ class AnchoredModel:
         coarse = self.coarse.cube(point)
         correction = self.codec_bias.copy()
         self.discretisation = np.zeros_like(coarse)
+        self._anchored = []
         for views, anchors in self._anchors:
             found = anchors.at(coarse[views], partial(self._evaluated, point, views, coarse), self.unexplained)
+            self._anchored.append(found)
             correction[views] += found.correction
             self.discretisation[views] = found.discretisation
         self.coarse.correction = correction
         return np.asarray(coarse + correction)
+
+    def stay(self, point: Point) -> None:
+        """Take what the fine model added at the anchor for what it adds at a point: that of a fit about the anchor.
+
+        Parameters
+        ----------
+        point : mapping
+        """
+        correction, self.coarse.correction = self.coarse.correction, None
+        try:
+            coarse = self.coarse.cube(point)
+        finally:
+            self.coarse.correction = correction
+        for (views, anchors), found in zip(self._anchors, self._anchored, strict=True):
+            anchors.stay(coarse[views], found)
 
     def _evaluated(self, point: Point, views: Sequence[int], coarse: Array) -> Evaluated:
         """Return what the fine model adds at a point to some views, all of them cards or none.

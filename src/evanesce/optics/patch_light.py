@@ -96,7 +96,7 @@ def transmitted_irradiance_kernel(theta: ArrayLike, weights: ArrayLike, gap: Arr
     return np.asarray(2 * np.pi * t * np.cos(theta) * np.sin(theta) * weights)
 
 
-def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) -> Array:
+def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface, inside: ArrayLike | None = None) -> Array:
     """Return the radiance that leaves the silicone back into the glass at ``theta`` per irradiance inside it.
 
     The body's light is reflected between body and surface any number of times; n^2 of the change of medium included.
@@ -108,6 +108,9 @@ def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) ->
     theta : array_like
         Inside the glass [rad]; broadcasts against ``gap``.
     interface : Interface
+    inside : array_like, optional
+        :func:`~evanesce.optics.interface.internal_diffuse_reflectance` at the gaps, which takes longest, where it is
+        known [1].
 
     Returns
     -------
@@ -115,8 +118,9 @@ def returned_radiance(gap: ArrayLike, theta: ArrayLike, interface: Interface) ->
         [1/sr].
     """
     gap = np.asarray(gap, float)
-    inside = internal_diffuse_reflectance(gap, interface.wavelength, interface.n_glass, interface.n_silicone)
-    body = interface.body_reflectance / (1.0 - interface.body_reflectance * inside)
+    if inside is None:
+        inside = internal_diffuse_reflectance(gap, interface.wavelength, interface.n_glass, interface.n_silicone)
+    body = interface.body_reflectance / (1.0 - interface.body_reflectance * np.asarray(inside))
     t = frustrated_transmittance(np.cos(theta), gap, interface.wavelength, interface.n_glass, interface.n_silicone)
     return np.asarray(body / np.pi * (interface.n_glass / interface.n_silicone) ** 2 * t)
 

@@ -177,6 +177,8 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     model = start.model
     tell("fine model and derivatives at the fit")
     best = _settled(start.fitter, best)
+    # Held-out conditions are judged by what was fitted, about its anchor.
+    model.stay(best.point)
     tell(f"misfit {best.misfit:.6g} of {best.residual.size} bins and rows; intervals")
     tied = CovarianceRows.joined(discrepancy_of(model, form_errors).every_row(best), _edges(model, best))
     figures = intervals(best, tied)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from evanesce.core.provenance import digest
 from evanesce.optics.edge_rays import stacked_radiances
-from evanesce.optics.interface import frustrated_transmittance
+from evanesce.optics.interface import frustrated_transmittance, internal_diffuse_reflectance
 from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins
 from evanesce.optics.projection import Projection
@@ -20,7 +20,7 @@ from evanesce.render.fast.flank import FlankLight
 from evanesce.render.fast.flank_table import tabulated_approaches
 from evanesce.render.fast.rig_fields import RigFields, node_axes, rig_digest, rig_fields
 from evanesce.render.fast.rig_optics import edge_light, interface_of
-from evanesce.render.fast.subsurface import Subsurface, subsurface_of
+from evanesce.render.fast.subsurface import Subsurface, spread_of, surface_of
 from evanesce.render.kept import kept
 from evanesce.render.reference.bsdf import NEAR_WAVELENGTHS
 from evanesce.rig import Scene
@@ -172,12 +172,12 @@ def _subsurface(scene: Scene, interface: Interface, tables: _Tables, tables_key:
     if length <= 0 or share <= 0 or interface.body_reflectance <= 0:
         return None
     pitch = grid.size_mm / grid.samples
-    whole = kept(
-        "subsurface",
-        f"{tables_key}{length:.17g} {grid.size_mm:.17g} {grid.samples}",
-        lambda: subsurface_of(interface, length, grid.size_mm, pitch, tables.gaps, tables.view, tables.window),
+    body = f"{interface!r} {length:.17g} {grid.size_mm:.17g} {grid.samples}"
+    cell, spread = kept("spread", body, lambda: spread_of(interface, length, grid.size_mm, pitch))
+    inside, leave = kept(
+        "subsurface", tables_key, lambda: surface_of(interface, tables.gaps, tables.view, tables.window)
     )
-    return replace(whole, share=share)
+    return Subsurface(cell, spread, inside, leave, share)
 
 
 # --- tables by gap ---------------------------------------------------------------------------------------------------
@@ -194,7 +194,11 @@ def by_gap(function: Callable[[Array], Array], gaps: Array) -> Array:
         Evenly spaced in the square root [mm].
     """
     root = np.linspace(0.0, 1.0, GAP_KNOTS)
-    return np.asarray(CubicSpline(root, function(gaps[-1] * root**2), axis=-1)(np.sqrt(gaps / gaps[-1])))
+    return np.asarray(CubicSpline(root, function(_knots(gaps)), axis=-1)(np.sqrt(gaps / gaps[-1])))
+
+
+def _knots(gaps: Array) -> Array:
+    return np.asarray(gaps[-1] * np.linspace(0.0, 1.0, GAP_KNOTS) ** 2)
 
 
 def _tables(scene: Scene) -> _Tables:
@@ -206,13 +210,20 @@ def _tables(scene: Scene) -> _Tables:
     def transmitted(g: Array) -> Array:
         return np.stack([frustrated_transmittance(c[:, None], g, wavelength, n1, n3).mean(axis=0) for c in cosines])
 
+    def entered() -> Array:
+        found = by_gap(transmitted, gaps)
+        found[:, -1] = 0.0
+        return found
+
+    # A camera that moves sees the same contact under another angle.
+    contact = f"{n1:.17g} {n3:.17g} {wavelength:.17g}"
+    entering = kept("entering", contact, entered)
+    inside = kept("inside at knots", contact, lambda: internal_diffuse_reflectance(_knots(gaps), wavelength, n1, n3))
     view = math.asin(math.sin(_mean_view_angle(scene)) / n1)
     # On its way out the light crosses the plate once more.
     window = float(window_transmittance(view, n1))
     window *= math.exp(-scene.plate.absorption_coefficient_per_mm * scene.plate.thickness_mm / math.cos(view))
-    entering = by_gap(transmitted, gaps)
-    entering[:, -1] = 0.0
-    response = by_gap(lambda g: returned_radiance(g, view, interface), gaps)
+    response = by_gap(lambda g: returned_radiance(g, view, interface, inside), gaps)
     return _Tables(gaps, entering, response * window, view, window)
 
 

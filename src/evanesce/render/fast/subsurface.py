@@ -89,8 +89,9 @@ def _about_origin(kernel: Array, shape: tuple[int, int]) -> Array:
 
 def _returned(kernel: Array, beyond: float) -> Array:
     """Return K / (1 - R K) of a kernel K (2 reach + 1, 2 reach + 1), as far as that reaches."""
-    shape: Any = [fft.next_fast_len(2 * n, real=True) for n in kernel.shape]
-    once = fft.rfft2(_about_origin(kernel, shape))
+    # So far apart that what wraps around has been sent back once more than what the kernel reaches.
+    shape: Any = [fft.next_fast_len(n + n // 2, real=True) for n in kernel.shape]
+    once = fft.rfft2(_about_origin(kernel, shape).astype(np.float32))
     found = fft.irfft2(once / (1.0 - beyond * once), shape)
     at = [np.arange(-(n // 2), n // 2 + 1) for n in kernel.shape]
     return np.asarray(found[np.ix_(*at)])
@@ -121,10 +122,8 @@ class Subsurface:
     share: float = 1.0
 
 
-def subsurface_of(
-    interface: Interface, length: float, size: float, pitch: float, gaps: Array, view: float, window: float
-) -> Subsurface:
-    """Return the tables of subsurface scattering.
+def spread_of(interface: Interface, length: float, size: float, pitch: float) -> tuple[float, Spread]:
+    """Return the side of the cells on which scattered light is solved [mm], and its spread below an open surface.
 
     Parameters
     ----------
@@ -135,6 +134,18 @@ def subsurface_of(
         Side of the contact grid [mm].
     pitch : float
         Its pitch [mm].
+    """
+    cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
+    kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
+    return cell, Spread(kernel, open_inside_reflectance(interface.n_silicone, interface.n_glass))
+
+
+def surface_of(interface: Interface, gaps: Array, view: float, window: float) -> tuple[Array, Array]:
+    """Return :attr:`Subsurface.inside` and :attr:`Subsurface.leave` at the gaps of the tables.
+
+    Parameters
+    ----------
+    interface : Interface
     gaps : ndarray
         Gaps of the tables [mm]; the last stands for all wider ones.
     view : float
@@ -142,8 +153,6 @@ def subsurface_of(
     window : float
         Radiance in air over radiance at the top face, on the way to the lens [1].
     """
-    cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
-    kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
     n1, n3 = interface.n_glass, interface.n_silicone
     by_gap = kept(
         "inside reflectance",
@@ -157,8 +166,7 @@ def subsurface_of(
     through = np.array(frustrated_transmittance(np.cos(view), gaps, interface.wavelength, n1, n3))
     cos_inside = math.sqrt(1.0 - min(1.0, (n1 / n3 * math.sin(view)) ** 2))
     through[-1] = open_film_transmittance(cos_inside, n3, n1)
-    leave = through / np.pi * (n1 / n3) ** 2 * window
-    return Subsurface(cell, Spread(kernel, open_inside), inside, np.asarray(leave))
+    return inside, np.asarray(through / np.pi * (n1 / n3) ** 2 * window)
 
 
 def body_light(spread: Spread, irradiance: Array, inside: Array) -> Array:

@@ -225,6 +225,47 @@ class Fitter:
         self.model.anchor(there)
         return there
 
+    def on_lines(self, found: JointFit) -> tuple[Taken, ...]:
+        """Return a fit's causes; what takes seconds may go a posterior deviation from where it was evaluated.
+
+        Farther off a line is wrong by more than what it is fitted to: of absorption the data tell the shape alone, a
+        hundredth of its change.
+
+        Parameters
+        ----------
+        found : JointFit
+        """
+        at = Linear(found.taken, self._evaluated_at).point
+        sd = dict(zip((p.name for p in found.parameters), np.sqrt(np.diag(found.solution.covariance)), strict=True))
+
+        def bounded(p: Parameter) -> Parameter:
+            if p.name not in at:
+                return p
+            low, high = (at[p.name] + side * float(sd[p.name]) for side in (-1.0, 1.0))
+            return replace(p, bounds=(max(low, p.bounds[0]), min(high, p.bounds[1])))
+
+        return tuple(replace(t, parameters=tuple(bounded(p) for p in t.parameters)) for t in found.taken)
+
+    def followed(self, found: JointFit) -> tuple[Taken, ...] | None:
+        """Return a fit's causes with lines about where it ended, of what it moved farther than its line reaches.
+
+        None where nothing went so far.
+
+        Parameters
+        ----------
+        found : JointFit
+        """
+        linear = Linear(found.taken, self._evaluated_at)
+        left = {name for name, at in linear.point.items() if left_line(found, name, at)}
+        if not left:
+            return None
+        self._evaluated_at |= {name: found.point[name] for name in left}
+        self._differentiated_at |= {name: found.point[name] for name in left}
+        widths = np.sqrt(np.diag(found.solution.covariance))
+        asked = [_over(p, float(w)) for p, w in zip(found.parameters, widths, strict=True) if p.name in left]
+        rows = self._derivatives({**found.point, **linear.point, **{name: found.point[name] for name in left}}, asked)
+        return tuple(replace(t, slow={name: rows.get(name, row) for name, row in t.slow.items()}) for t in found.taken)
+
     def _secants(self, taken: Taken, there: Mapping[str, float]) -> Taken:
         """Return a cause whose parameters that take seconds act along the line from null to where they were evaluated.
 

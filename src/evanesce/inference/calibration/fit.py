@@ -40,6 +40,7 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
+from evanesce.inference.slow import slow_rows, with_rows
 from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.processes import processes
@@ -52,7 +53,12 @@ Tell = Callable[[str], None]
 PASSES = 5
 """With other weights at most; they settle in three to five."""
 PASS_ROUNDS = 8
-"""Predictions of a pass: what it would gain by more is less than the next one gains by its weights."""
+"""Predictions of a pass: what it would gain by more is less than the next one gains by its weights, or the last by its
+derivatives."""
+LINES = 2
+"""Fits about the last anchor at most, each with new lines of what takes seconds and went beyond its own."""
+LAST_ROUNDS = 12
+"""Predictions with exact derivatives; some steps fail where a cell of a contact's rim begins to be covered."""
 EDGE_PX = 0.4
 """Standard deviation by which all contacts' edges may be off together, a tenth of a bin: so far were those of a rig
 that NumPy drew (``tests/support/foreign_rig.py``), with its own light and tone curve."""
@@ -221,7 +227,7 @@ def _joint(
         fitter = _sizes_known(Fitter(model))
         if not any(errors.values()):
             fitter.noise = start.fitter.noise
-            best = fitter.relinearised(into.taken, point, known, tell, 1, anchored=True)
+            best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, anchored=True)
             break
         fitter.fields = voltage_rows(model.data, errors, fitter.observed.size)
         best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)
@@ -243,9 +249,15 @@ def _settled(fitter: Fitter, best: JointFit) -> JointFit:
     """
     fitter.stand(best.taken, best.point)
     made = fitter.slopes_about(best)
-    for rounds in (PASS_ROUNDS, 0):
-        best = fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=rounds, renewals=0)
-    return best
+    taken, widths = best.taken, best
+    for _ in range(LINES):
+        kept = fitter.on_lines(replace(widths, taken=taken))
+        best = fitter.fitted(kept, best.point, metric=best.metric, slopes=made, rounds=LAST_ROUNDS, renewals=0)
+        followed = fitter.followed(replace(widths, taken=taken, point=best.point))
+        if followed is None:
+            break
+        taken, made = followed, with_rows(made, followed, slow_rows(followed))
+    return fitter.fitted(taken, best.point, metric=best.metric, slopes=made, rounds=0, renewals=0)
 
 
 def _sizes_known(fitter: Fitter) -> Fitter:

@@ -62,3 +62,15 @@ def test_while_much_is_unexplained_an_anchor_is_as_exact_as_that_asks_for() -> N
     before = rough.evaluations
     assert rough.at(float(places[0])) == pytest.approx(0.2 * places[0], abs=STAYS)
     assert rough.evaluations <= before + 1
+
+
+def test_a_fit_may_stay_with_what_was_added_at_its_anchor() -> None:
+    """Then nothing is evaluated where it ended, and other points go by the rate as before."""
+    model = Counted(lambda coarse: 0.2 * coarse)
+    model.at(10.0)
+    here, there = (np.full((1, 1, 1), coarse) for coarse in (10.0, 40.0))
+    model.anchors.stay(there, Evaluated(here, 0.2 * here, 0.2 * here, 0.0 * here))
+    assert model.at(40.0) == pytest.approx(2.0)
+    assert model.evaluations == 1
+    assert model.at(80.0) == pytest.approx(16.0)
+    assert model.evaluations == 2

@@ -264,7 +264,8 @@ def test_two_processes_predict_what_one_does(tiny):
             model.fine({"@light": 0.01 * number}).cube()
         np.testing.assert_array_equal(model.fine(points[0]).cube(), fine)
         np.testing.assert_array_equal(model.coarse.cube(points[2]), alone[2])
-        free = [Parameter(name=name, deviation=0.1, step=0.01) for name in ("modulus:relative", "vignetting:k")]
+        names = ("modulus:relative", "vignetting:k")
+        free = [Parameter(name=name, deviation=0.1, step=0.01, bounds=(0.0, 0.9)) for name in names]
         asked = [*((points[0], parameter) for parameter in free), ({"modulus:relative": 1e6}, free[0])]
         asked.append(asked[0])
         made = model.derivatives(asked)

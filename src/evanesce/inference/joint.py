@@ -17,7 +17,7 @@ from evanesce.inference.exact_slopes import exact_slopes
 from evanesce.inference.gauss_newton import ROUNDS, Slopes, fit
 from evanesce.inference.joint_fit import JointFit, Taken, prior_of
 from evanesce.inference.model import Model
-from evanesce.inference.slow import Linear, beyond, is_near, left_line, slow_rows, with_rows
+from evanesce.inference.slow import Linear, beyond, is_near, left_line, reach, slow_rows, with_rows
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import STEP_SHARE, Parameter, value_of
 
@@ -226,9 +226,9 @@ class Fitter:
         return there
 
     def on_lines(self, found: JointFit) -> tuple[Taken, ...]:
-        """Return a fit's causes; what takes seconds may go a posterior deviation from where it was evaluated.
+        """Return a fit's causes; what takes seconds may go as far from where it was evaluated as its line reaches.
 
-        Farther off a line is wrong by more than what it is fitted to: of absorption the data tell the shape alone, a
+        Beyond a posterior deviation a line is wrong by more than what it is fitted to: of absorption the data tell the shape alone, a
         hundredth of its change.
 
         Parameters
@@ -241,8 +241,8 @@ class Fitter:
         def bounded(p: Parameter) -> Parameter:
             if p.name not in at:
                 return p
-            low, high = (at[p.name] + side * float(sd[p.name]) for side in (-1.0, 1.0))
-            return replace(p, bounds=(max(low, p.bounds[0]), min(high, p.bounds[1])))
+            here, far = at[p.name], reach(at[p.name], p.null, float(sd[p.name]))
+            return replace(p, bounds=(max(here - far, p.bounds[0]), min(here + far, p.bounds[1])))
 
         return tuple(replace(t, parameters=tuple(bounded(p) for p in t.parameters)) for t in found.taken)
 

@@ -228,8 +228,8 @@ class Fitter:
     def on_lines(self, found: JointFit) -> tuple[Taken, ...]:
         """Return a fit's causes; what takes seconds may go as far from where it was evaluated as its line reaches.
 
-        Beyond a posterior deviation a line is wrong by more than what it is fitted to: of absorption the data tell the shape alone, a
-        hundredth of its change.
+        Beyond a posterior deviation a line is wrong by more than what it is fitted to: of absorption the data tell the
+        shape alone, a hundredth of its change.
 
         Parameters
         ----------

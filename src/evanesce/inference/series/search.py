@@ -29,7 +29,11 @@ class SeriesSearch(Search):
     def posterior(self, now: JointFit) -> Posterior:
         """Return the probabilities of all causes at a joint fit, those that can be fitted by their fits."""
         found = super().posterior(now)
-        places = {n: self._place(now, n, place) if n in now.ids else place for n, place in found.places.items()}
+        places = dict(found.places)
+        for name in (n for n in found.places if n in now.ids):
+            # What was fitted in a place at the model's optimum stands above what was fitted by derivatives.
+            fitted = {other: gap for (own, other), gap in self._behind.items() if own == name}
+            places[name] = self._place(now, name, places[name]).with_fits(name, fitted)
         return replace(found, places=places)
 
     def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:

@@ -303,6 +303,16 @@ def test_a_last_fit_goes_a_deviation_from_where_what_takes_seconds_was_evaluated
     assert fitter.followed(replace(found, taken=followed)) is None
 
 
+@pytest.mark.parametrize("rounds", [0, 9])
+def test_what_settles_a_little_before_its_bound_is_held_by_it(rounds):
+    """One step more would gain 1e-4 and is not taken; left free, the parameter would take what others are asked for."""
+    prior = Prior(np.zeros(2), np.full(2, 3.0), np.array([-9.0, -9.0]), np.array([0.9, 9.0]))
+    rows, none = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]]), Metric.of(np.zeros((0, 3)), np.zeros(0))
+    data, start = np.array([4.0, 1.0, 1.0]), np.array([0.9 - 1e-5, 0.9])
+    found = fit(lambda v: v @ rows, lambda v, p, w: (rows, p), data, prior, start, metric=none, rounds=rounds)
+    np.testing.assert_array_equal(found.held, [True, False])
+
+
 @pytest.mark.parametrize("refused", [True, False])
 def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps(refused):
     rows = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 1.0]])

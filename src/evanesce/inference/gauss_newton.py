@@ -264,7 +264,11 @@ def fit(
         else:
             radius, failed = size * NARROWER, failed + 1
     precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
-    held = ((values <= prior.low) & (gradient < 0)) | ((values >= prior.high) & (gradient > 0))
+    # Where the last step, too short to be taken, would end: a fit settles a little before a bound.
+    low, high = prior.low - values, prior.high - values
+    step = bounded_step(precision, gradient, low, high)
+    slope = gradient - precision @ step
+    held = ((step <= low) & (slope < 0)) | ((step >= high) & (slope > 0))
     return Solution(values, predicted, slopes, misfit, precision, held)
 
 

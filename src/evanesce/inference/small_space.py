@@ -68,7 +68,7 @@ class SmallSpace:
 
     def of(self, names: Sequence[str]) -> NDArray[np.int_]:
         """Return the places of the rows of some blocks, one after the other."""
-        return np.concatenate([self.places[n] for n in names]).astype(int)
+        return np.concatenate([np.zeros(0, int), *(self.places[n] for n in names)])
 
     def combined(self, factors: Array, names: Sequence[str]) -> Array:
         """Return sums (n, bins) of the rows of some blocks, times factors (n, rows)."""

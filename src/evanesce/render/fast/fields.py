@@ -16,6 +16,7 @@ from evanesce.optics.interface import frustrated_transmittance, internal_diffuse
 from evanesce.optics.patch_light import Interface, returned_radiance, window_transmittance
 from evanesce.optics.plate_field import AngleBins
 from evanesce.optics.projection import Projection
+from evanesce.optics.subsurface import open_inside_reflectance
 from evanesce.render.fast.flank import FlankLight
 from evanesce.render.fast.flank_table import tabulated_approaches
 from evanesce.render.fast.rig_fields import RigFields, node_axes, rig_digest, rig_fields
@@ -173,7 +174,10 @@ def _subsurface(scene: Scene, interface: Interface, tables: _Tables, tables_key:
         return None
     pitch = grid.size_mm / grid.samples
     body = f"{interface!r} {length:.17g} {grid.size_mm:.17g} {grid.samples}"
-    cell, spread = kept("spread", body, lambda: spread_of(interface, length, grid.size_mm, pitch))
+    beyond = open_inside_reflectance(interface.n_silicone, interface.n_glass)
+    cell, spread = kept(
+        "spread", body, lambda: spread_of(interface.body_reflectance, length, grid.size_mm, pitch, beyond)
+    )
     inside, leave = kept(
         "subsurface", tables_key, lambda: surface_of(interface, tables.gaps, tables.view, tables.window)
     )

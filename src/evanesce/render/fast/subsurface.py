@@ -122,22 +122,24 @@ class Subsurface:
     share: float = 1.0
 
 
-def spread_of(interface: Interface, length: float, size: float, pitch: float) -> tuple[float, Spread]:
+def spread_of(reflectance: float, length: float, size: float, pitch: float, beyond: float) -> tuple[float, Spread]:
     """Return the side of the cells on which scattered light is solved [mm], and its spread below an open surface.
 
     Parameters
     ----------
-    interface : Interface
+    reflectance : float
+        Diffuse reflectance of the body [1].
     length : float
         Transport mean free path in the silicone [mm].
     size : float
         Side of the contact grid [mm].
     pitch : float
         Its pitch [mm].
+    beyond : float
+        Reflectance of the open surface from inside [1].
     """
     cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
-    kernel = profile_kernel(interface.body_reflectance, length, cell, math.ceil(size / cell))
-    return cell, Spread(kernel, open_inside_reflectance(interface.n_silicone, interface.n_glass))
+    return cell, Spread(profile_kernel(reflectance, length, cell, math.ceil(size / cell)), beyond)
 
 
 def surface_of(interface: Interface, gaps: Array, view: float, window: float) -> tuple[Array, Array]:

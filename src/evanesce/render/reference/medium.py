@@ -101,6 +101,8 @@ def slab_body(touching: Any, *, half: float, depth: float, cell: float, fine: fl
     fine : float
         [mm].
     """
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     inner = np.linspace(-fine, fine, 2 * round(fine / cell) + 1)
     line = np.concatenate([[-half], inner, [half]]) if half > fine else inner
     x, y = np.meshgrid(line, line)
@@ -119,8 +121,6 @@ def slab_body(touching: Any, *, half: float, depth: float, cell: float, fine: fl
     after = np.roll(rim, -1)
     sides = np.concatenate([np.stack([rim, after, after + count], 1), np.stack([rim, after + count, rim + count], 1)])
     faces = np.concatenate([down, down[:, ::-1] + count, sides])
-    import trimesh  # a third of a second that those who trace no path need not wait
-
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     middle = mesh.triangles_center
     low = np.arange(len(faces)) < len(down)
@@ -141,6 +141,8 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     sections : int
         Around the axis.
     """
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     radius, half = finger.tip_radius_mm, min(finger.diameter_mm / 2, finger.tip_radius_mm)
     grid, (cx, cy) = state.grid, finger.position_mm
     reach = min(0.98 * half, min(grid.shape) * grid.pitch / 2 - 2 * grid.pitch)
@@ -149,8 +151,6 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     below = [(0.0, 0.0), *((float(q), float(radius - np.sqrt(max(radius**2 - q**2, 0.0)))) for q in r)]
     top = max(finger.length_mm, below[-1][1] + 1.0)
     profile = np.array([*below, (half, top), (0.0, top)])
-    import trimesh  # a third of a second that those who trace no path need not wait
-
     mesh = trimesh.creation.revolve(profile, sections=sections)
     mesh.merge_vertices()
     vertices = np.array(mesh.vertices)
@@ -163,8 +163,6 @@ def finger_body(finger: Finger, state: ContactState, *, station: float = 0.05, s
     height = np.where(lower, (1 - blend) * gap + blend * np.maximum(sphere, 0.0), vertices[:, 2])
     vertices[:, 2] = np.where(gap <= TOUCHING_MM, np.where(lower & (distance < reach), 0.0, height), height)
     vertices[:, :2] += (cx, cy)
-    import trimesh  # a third of a second that those who trace no path need not wait
-
     mesh = trimesh.Trimesh(vertices, mesh.faces, process=False)
     if mesh.volume < 0:
         mesh.invert()

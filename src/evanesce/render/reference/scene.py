@@ -164,6 +164,8 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
     A hemisphere on a cylinder (a cap where the tip's radius exceeds the cylinder's), without ridges: those are in the
     interface's gap.
     """
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     radius, half = finger.tip_radius_mm, min(finger.diameter_mm / 2, finger.tip_radius_mm)
     polar = np.arcsin(half / radius)
     angles = polar * np.linspace(0.0, 1.0, FINGER_SEGMENTS // 2 + 1)
@@ -172,8 +174,6 @@ def finger_mesh(finger: Finger, depth: float) -> trimesh.Trimesh:
     if finger.length_mm > profile[-1][1]:
         profile.append((half, finger.length_mm))
     profile.append((0.0, profile[-1][1]))
-    import trimesh  # a third of a second that those who trace no path need not wait
-
     mesh = trimesh.creation.revolve(np.array(profile), sections=FINGER_SEGMENTS)
     vertices = mesh.vertices + np.array([*finger.position_mm, -depth])
     vertices[:, 2] = np.maximum(vertices[:, 2], FINGER_CLEARANCE)

@@ -155,11 +155,11 @@ def _bands(scene: Scene, powers: Mapping[str, ArrayLike], unit: float) -> dict[s
 
 def _finger(scene: Scene, depth: float) -> dict[str, Any]:
     """Return the pressed finger, and the black contact below it."""
+    import trimesh  # a third of a second that those who trace no path need not wait
+
     half = min(scene.finger.diameter_mm / 2, scene.finger.tip_radius_mm)
     finger = PressedFinger((0.0, 0.0), scene.finger.tip_radius_mm, half, scene.finger.length_mm, depth)
     r, z, _ = finger.rings()
-    import trimesh  # a third of a second that those who trace no path need not wait
-
     mesh = trimesh.creation.revolve(np.stack([np.append(r, 0.0), np.append(z, z[-1])], axis=1), sections=SECTIONS)
     raised = mesh.vertices + np.array([*scene.finger.position_mm, 2 * CLEARANCE_MM])
     body = {"type": "diffuse", "reflectance": {"type": "uniform", "value": scene.finger.diffuse_reflectance}}

@@ -14,10 +14,9 @@ from evanesce.core.errors import InputError
 from evanesce.core.states import SensorLight
 from evanesce.optics.led_circuit import radiant_power
 from evanesce.optics.seen import seen_at
-from evanesce.optics.subsurface import profile_kernel
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.patch import patch_radiance
-from evanesce.render.fast.subsurface import LARGEST_CELL_MM, Spread
+from evanesce.render.fast.subsurface import spread_of
 from evanesce.rig import Camera, Ridges, Scene
 from evanesce.rig.finger import HertzLaw
 from evanesce.sensor.expose import charge_of
@@ -151,9 +150,7 @@ def with_length(fields: Fields, reflectance: float, length: float, pitch: float)
         return replace(fields, subsurface=None)
     if fields.subsurface is None:
         raise ValueError("the fields have no subsurface scattering")
-    cell = min(LARGEST_CELL_MM, max(length / 4, pitch))
-    kernel = profile_kernel(reflectance, length, cell, math.ceil(GRID_MM / cell))
-    spread = Spread(kernel, fields.subsurface.spread.beyond)
+    cell, spread = spread_of(reflectance, length, GRID_MM, pitch, fields.subsurface.spread.beyond)
     return replace(fields, subsurface=replace(fields.subsurface, cell=cell, spread=spread))
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.observe import pixel_scatter
+from evanesce.prediction.tone import expected_tone
 from evanesce.rig import Camera, load_scene
 from evanesce.rig.coarser import coarser_camera
 from evanesce.sensor.tone import CURVES
@@ -61,7 +64,7 @@ def test_noise_smoothed_on_the_sensor_is_found_by_its_scatter(smooth_px: float) 
     impulse = np.zeros((33, 33))
     impulse[16, 16] = 1.0
     kept = float(np.sqrt((ndimage.gaussian_filter(impulse, smooth_px) ** 2).sum())) if smooth_px else 1.0
-    found = noise_scale_of(camera, scatter(camera, smooth_px, 31))
+    found = noise_scale_of(partial(expected_tone, camera), scatter(camera, smooth_px, 31))
     # 12 x 12288 pixels: the scatter is known to 0.2 %; the low-passed Poisson noise is nearly Gaussian, not quite.
     assert found.value == pytest.approx(kept, rel=0.015)
     assert not found.codec
@@ -70,7 +73,7 @@ def test_noise_smoothed_on_the_sensor_is_found_by_its_scatter(smooth_px: float) 
 @pytest.mark.parametrize("black_DN", [-9.0, 7.0])
 def test_another_black_level_is_neither_another_noise_nor_a_codec(black_DN: float) -> None:
     camera = dim_camera()
-    found = noise_scale_of(camera, scatter(camera, 0.0, 47, black_DN))
+    found = noise_scale_of(partial(expected_tone, camera), scatter(camera, 0.0, 47, black_DN))
     assert not found.codec
     assert found.value == pytest.approx(1.0, abs=0.015)
     # The mean of 4 x 12288 dark pixels, whose noise is some ten raw numbers wide, tells black to 0.1.
@@ -86,11 +89,11 @@ def test_noise_smoothed_after_the_curve_is_told_by_the_dark_level() -> None:
     for kind, (charge, count) in {"replicate": (lit, 12), "lens_cap": (np.zeros(SHAPE), 4)}.items():
         sharp = frames(camera, charge, count, 0.0, rng)
         made[kind] = pixel_scatter([ndimage.gaussian_filter(f, 1.0, mode="nearest") for f in sharp], 1)
-    found = noise_scale_of(camera, made)
+    found = noise_scale_of(partial(expected_tone, camera), made)
     assert found.codec
     assert found.value == pytest.approx(1.0, abs=0.02)
     # Noise without a trace of one is the camera's own, as small as it is seen to be.
-    plain = noise_scale_of(camera, made, coded=False)
+    plain = noise_scale_of(partial(expected_tone, camera), made, coded=False)
     assert not plain.codec
     assert plain.value < 0.5
 
@@ -106,14 +109,14 @@ def test_next_to_no_scatter_is_a_codecs_work(covered: bool) -> None:
         if kind == "replicate" or covered:
             mean = frames(camera, charge, 40, 0.0, rng).mean(axis=0)
             made[kind] = mean, np.full_like(mean, 1e-4)
-    found = noise_scale_of(camera, made)
+    found = noise_scale_of(partial(expected_tone, camera), made)
     assert found.codec
     assert found.silent
     assert found.value == pytest.approx(1.0, abs=0.05)
 
 
 def test_without_held_states_nothing_is_claimed() -> None:
-    found = noise_scale_of(dim_camera(), {})
+    found = noise_scale_of(partial(expected_tone, dim_camera()), {})
     assert (found.value, found.codec) == (1.0, False)
     assert found.deviation > 0.05
 
@@ -124,6 +127,6 @@ def test_a_camera_quieter_than_its_rounding_is_no_codec(factor: int) -> None:
     camera = coarser_camera(load_scene("thesis"), factor).camera
     lit = np.linspace(0.0, 200.0, SHAPE[1])[None, :] * np.ones((SHAPE[0], 1))
     made = {"replicate": (lit, np.zeros(SHAPE)), "lens_cap": (np.zeros(SHAPE), np.zeros(SHAPE))}
-    found = noise_scale_of(camera, made)
+    found = noise_scale_of(partial(expected_tone, camera), made)
     assert (found.value, found.codec, found.silent) == (1.0, False, False)
-    assert noise_scale_of(load_scene("thesis").camera, made).codec
+    assert noise_scale_of(partial(expected_tone, load_scene("thesis").camera), made).codec

@@ -22,8 +22,9 @@ from evanesce.sensor.codec import STEADY
 @pytest.fixture(scope="module")
 def shooting() -> Shooting:
     """Of a dim rig: noise of some DN a pixel."""
-    camera = load_scene("thesis").camera.model_copy(update={"analogue_gain": 16.0, "resolution_px": (208, 160)})
-    return Shooting(camera, 1.0, 1)
+    scene = load_scene("thesis")
+    camera = scene.camera.model_copy(update={"analogue_gain": 16.0, "resolution_px": (208, 160)})
+    return Shooting(scene.model_copy(update={"camera": camera}), 1.0, 1)
 
 
 @pytest.fixture(scope="module")

@@ -40,6 +40,7 @@ from evanesce.render.cards import Card, Pose, checkerboard_of, pose_of, square_o
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, copy_scene_files, dump_scene
 from evanesce.rig.coarser import finer_pixels
+from evanesce.sensor.response import Response, card_response
 
 Grey = NDArray[np.uint8]
 Tick = Callable[[int, int], None]
@@ -180,13 +181,15 @@ class Rig:
         scene = apply_stage(Stage.RIG, lit, active_effects(lit), Context(lit, self.seed, 0.0, index))
         card = checkerboard_of(scene.card) if kind == "checkerboard" else square_of(scene.card)
         light = self._card(finer_pixels(scene, self.finer), card, pose_of(scene.card))
-        return self._expose(scene, light, 0.0, index)
+        return np.asarray(self._frame(scene, light, 0.0, index, card_response(scene.camera)).data, np.uint8)
 
     def _expose(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Grey:
         return np.asarray(self._frame(scene, light, time_s, index).data, np.uint8)
 
-    def _frame(self, scene: Scene, light: PlateLight, time_s: float, index: int) -> Frame:
-        return expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer)[1]
+    def _frame(
+        self, scene: Scene, light: PlateLight, time_s: float, index: int, response: Response | None = None
+    ) -> Frame:
+        return expose(scene, light, seed=self.seed, time_s=time_s, index=index, finer=self.finer, response=response)[1]
 
     def _light(self, scene: Scene, state: ContactState) -> PlateLight:
         """Render; a held state is rendered once, so that its frames differ by noise alone."""

@@ -111,6 +111,8 @@ class Effect(InferenceHints):
     null_when : {"any", "all"}
         Absent, bit for bit, where any one amplitude is at its null (they multiply: how many, how bright), or only
         where all are (they add: two angles).
+    pointwise : bool
+        Of the stages behind the charge: whether each pixel is changed by what it holds alone.
     """
 
     id: str
@@ -119,6 +121,7 @@ class Effect(InferenceHints):
     amplitudes: tuple[str, ...]
     apply: Callable[[Any, Any, Context], Any]
     null_when: Literal["any", "all"] = "any"
+    pointwise: bool = False
 
     def __post_init__(self) -> None:
         nulls = self._nulls()

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from evanesce.inference.constants import FAR
 from evanesce.optics.projection import Projection
 from evanesce.prediction import priors
-from evanesce.prediction.observe import Observation
+from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import BIN_PX
 from evanesce.render.cards import checkerboard_of, square_of
@@ -135,10 +135,10 @@ def board_inverted(observation: Observation) -> bool:
     if place is None:
         return False
     shown = replace(observation, views=(observation.views[place],), images=observation.images[[place]])
-    off = []
+    off, factor = [], model_factor(observation.believed)
     for inverted in (observation.scene.card.checkerboard_inverted, not observation.scene.card.checkerboard_inverted):
         card = observation.scene.card.model_copy(update={"checkerboard_inverted": inverted})
-        coarse = Predictor(observation.scene.model_copy(update={"card": card}), shown.views)
+        coarse = Predictor(observation.scene.model_copy(update={"card": card}), shown.views, pixels=factor)
         off.append(_unlike(coarse.image(card_start(shown, coarse), 0), np.asarray(shown.images[0], float)))
     return off[1] < BETTER * off[0]
 

@@ -23,6 +23,7 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.prediction import priors
 from evanesce.prediction.codec_search import codec_of
 from evanesce.prediction.codecs import Codec, Likely
+from evanesce.prediction.colour import expected_grey
 from evanesce.prediction.noise_scale import noise_scale_of
 from evanesce.prediction.recoded import DRAWS, Recoded, Shooting, recoded
 
@@ -86,7 +87,8 @@ def codec_behind(model: AnchoredModel, point: Mapping[str, float]) -> Likely | N
     point : mapping
     """
     observation, data = model.observation, model.data
-    size = noise_scale_of(observation.believed.camera, observation.scatter, coded=observation.coded)
+    tone_of = partial(expected_grey, observation.believed)
+    size = noise_scale_of(tone_of, observation.scatter, coded=observation.coded)
     place = next((k for k, view in enumerate(data.views) if view.kind == "replicate"), None)
     known = None if observation.jpeg is None else Codec("jpeg", observation.jpeg)
     if place is None or not (size.codec or known):
@@ -121,4 +123,4 @@ def filmed(model: AnchoredModel, point: Mapping[str, float], likely: Likely, mos
 
 def _shooting(model: AnchoredModel, scale: float) -> Shooting:
     data = model.data
-    return Shooting(model.observation.believed.camera, scale, model.factor, data.scale, data.noise.flicker)
+    return Shooting(model.observation.believed, scale, model.factor, data.scale, data.noise.flicker)

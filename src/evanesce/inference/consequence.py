@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.area import contact_area
 from evanesce.core.errors import InputError
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
+from evanesce.prediction.colour import area_in
 from evanesce.prediction.observe import model_scene
 
 Array = NDArray[Any]
@@ -95,8 +95,7 @@ class AreaReader:
 
     def read(self, frame: Array) -> float:
         """Return the area in a frame (rows, cols) of the model camera [mm^2]."""
-        whole = np.floor(np.clip(frame, 0, 255) + 0.5).astype(np.uint8)
-        return contact_area(whole, self.scene)
+        return area_in(frame, self.scene)
 
     def areas(self, point: Mapping[str, float]) -> Array:
         """Return the predicted areas at a point [mm^2], one for each force; the last few are kept."""

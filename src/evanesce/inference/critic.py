@@ -36,7 +36,8 @@ from evanesce.inference.series.beside import bank_of, discrepancy_of, with_serie
 from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.codecs import Likely
-from evanesce.prediction.observe import Observation, observe, require_monochrome
+from evanesce.prediction.colour import require_predictable
+from evanesce.prediction.observe import Observation, observe
 from evanesce.prediction.processes import processes
 from evanesce.prediction.recoded import DRAWS
 from evanesce.prediction.views import BIN_PX
@@ -85,7 +86,7 @@ def criticise_frames(
     Raises
     ------
     InputError
-        For a bundle without frames, or of a colour camera.
+        For a bundle without frames, or of a camera whose settings are automatic.
     GrossDifference
         If another rig was measured than the scene's.
     """
@@ -370,7 +371,7 @@ def _nominal(bundle: Bundle, tell: Tell) -> tuple[Observation, AnchoredModel, Ga
 def _require_frames(bundle: Bundle) -> None:
     if not bundle.has_frames:
         raise InputError("holds no frame", file=bundle.path, allowed="a bundle with press frames")
-    require_monochrome(bundle)
+    require_predictable(bundle)
 
 
 @dataclass(frozen=True)

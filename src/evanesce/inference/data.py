@@ -7,7 +7,8 @@ choose what it is judged by.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,19 +17,20 @@ from scipy import ndimage
 
 from evanesce.inference.constants import STEP_SHARE
 from evanesce.prediction import priors
+from evanesce.prediction.colour import expected_grey
 from evanesce.prediction.correlation import Correlation, of_fields
 from evanesce.prediction.noise import Noise, noise_of
-from evanesce.prediction.noise_scale import noise_scale_of
+from evanesce.prediction.noise_scale import LIT_SHARE, noise_scale_of
 from evanesce.prediction.observe import Observation
-from evanesce.prediction.tone import ExpectedTone, expected_tone
+from evanesce.prediction.tone import ExpectedTone
 from evanesce.prediction.views import View
 
 Array = NDArray[Any]
 
-SATURATED_DN = 254.0
-"""Mean level from which on a bin shows the end of the scale and nothing else."""
-LIT_DN = 40.0
-"""Level from which on the place of black makes no difference to the scatter."""
+SATURATED = 254.0 / 255.0
+"""Share of a full pixel's level, from which on a bin shows the end of the scale and nothing else."""
+EVEN_SHARE = 0.1
+"""Step from a bin to its neighbours, over its level, up to which its scatter is that of its level."""
 ALIKE = 1000
 """Bins of like prediction whose mean residual is added to it: how large noise is goes by that level."""
 WIDE = np.zeros((19, 19), bool)
@@ -157,19 +159,26 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     """
     scale, deviation = lit_noise_scale(observation)
     cube = observation.cube
-    tone = expected_tone(observation.scene.camera, scale)
+    tone = expected_grey(observation.scene, scale)
     # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
     noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=priors.FLICKER)
-    frames = np.array([v.frames for v in observation.views])[:, None, None]
-    level = _levels(cube, np.zeros_like(cube) if predicted is None else predicted, noise, frames)
-    variance = noise.variance(level, frames) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
+    lamp = expected_grey(observation.scene, scale, card=True)
+    noise = replace(noise, lamp=None if lamp is tone else lamp)
+    frames, card = (np.array([(v.frames, v.is_card) for v in observation.views]).T)[:, :, None, None]
+
+    def variance_at(level: Array) -> Array:
+        return noise.variance(level, frames, card == 1)
+
+    level = _levels(cube, np.zeros_like(cube) if predicted is None else predicted, variance_at)
+    variance = variance_at(level) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
     correlation = of_fields(noise.fields, len(observation.views)) if noise.measured else None
     return DataVector(
-        cube, np.sqrt(variance), cube < SATURATED_DN, observation.views, noise, scale, deviation, correlation
-    )
+        cube, np.sqrt(variance), cube < SATURATED * noise.full_DN(card == 1), observation.views, noise, scale,
+        deviation, correlation,
+    )  # fmt: skip
 
 
-def _levels(cube: Array, predicted: Array, noise: Noise, frames: Array) -> Array:
+def _levels(cube: Array, predicted: Array, variance_at: Callable[[Array], Array]) -> Array:
     """Return the levels by which noise goes: a prediction, corrected by what is left in ever smaller neighbourhoods.
 
     First among all bins of a view that are predicted alike: near black half a DN changes noise by an eighth, and of a
@@ -177,7 +186,7 @@ def _levels(cube: Array, predicted: Array, noise: Noise, frames: Array) -> Array
     """
 
     def sd_at(level: Array) -> Callable[[Array], Array]:
-        return lambda left: np.sqrt(noise.variance(level + left, frames))
+        return lambda left: np.sqrt(variance_at(level + left))
 
     level = predicted + _among_alike(cube - predicted, predicted, sd_at(predicted))
     for around in (WIDE, AROUND):
@@ -262,7 +271,8 @@ def stepped(scale: float, step: float) -> float:
 
 
 def _measured_scale(observation: Observation) -> tuple[float, float]:
-    size = noise_scale_of(observation.believed.camera, observation.scatter, coded=observation.coded)
+    tone_of = partial(expected_grey, observation.believed)
+    size = noise_scale_of(tone_of, observation.scatter, coded=observation.coded)
     if size.codec:
         # What scatter a codec left says nothing of the noise before the tone curve.
         return size.value, size.deviation
@@ -270,10 +280,13 @@ def _measured_scale(observation: Observation) -> tuple[float, float]:
     if not parts:
         return 1.0, priors.SCALE_LOOSE
     level, variance = (np.concatenate([np.ravel(part[k]) for part in parts]) for k in (0, 1))
-    lit = (level > LIT_DN) & (level < SATURATED_DN)
+    tone = tone_of(1.0)
+    # A bin over an edge scatters by its pixels' levels, not by their mean.
+    even = np.concatenate([np.ravel(np.hypot(*np.gradient(part[0])) < EVEN_SHARE * part[0]) for part in parts])
+    lit = (level > LIT_SHARE * tone.full_DN) & (level < SATURATED * tone.full_DN) & even
     if lit.sum() < LEAST_BINS:
         return 1.0, priors.SCALE_LOOSE
-    modelled = float(expected_tone(observation.believed.camera, 1.0).variance_at(level[lit]).mean())
+    modelled = float(tone.variance_at(level[lit]).mean())
     return float(np.clip(np.sqrt(variance[lit].mean() / modelled), 0.1, 3.0)), priors.SCALE_CLOSE
 
 
@@ -284,8 +297,8 @@ def rounding_sd(tone: ExpectedTone, level_DN: Array) -> Array:
     and Kollar, Quantization Noise, 2008): nothing from half a DN on, a third of a DN where there is no noise, as where
     black is clipped.
     """
-    before = np.maximum(tone.variance_at(level_DN) - 1.0 / 12.0, 0.0)
-    return np.asarray(np.exp(-2.0 * np.pi**2 * before) / np.pi)
+    before = np.maximum(tone.variance_at(level_DN) / tone.step_DN**2 - 1.0 / 12.0, 0.0)
+    return np.asarray(tone.step_DN * np.exp(-2.0 * np.pi**2 * before) / np.pi)
 
 
 def step_sd(cube: Array) -> Array:

@@ -25,7 +25,7 @@ from evanesce.core.threads import in_threads
 from evanesce.inference.atoms import Maps, Peak, Responses, atoms_of, smoothed
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED_BESIDE
-from evanesce.inference.data import SATURATED_DN
+from evanesce.inference.data import SATURATED
 from evanesce.inference.explained import WIDER_PX, Explained, Scan, flattened
 from evanesce.inference.listing import behaviour_of, listed, point_spread
 from evanesce.inference.model import AnchoredModel
@@ -158,14 +158,15 @@ class MarkSearch:
         frames = model.frames(point, data.open)
         measured = model.observation.images[list(data.open)]
         count = np.array([data.views[k].frames for k in data.open])[:, None, None]
-        variance = BIN_PX**2 * data.noise.variance(frames, count)
+        card = np.array([data.views[k].is_card for k in data.open])[:, None, None]
+        variance = BIN_PX**2 * data.noise.variance(frames, count, card)
         slope = np.hypot(np.gradient(frames, axis=1), np.gradient(frames, axis=2))
         if model.recoded is not None and model.recoded.pixels is not None:
             change, scatter = (part[list(data.open)] for part in model.recoded.pixels)
             frames, variance = frames + change, np.maximum(variance, scatter**2)
-        sd = np.sqrt(variance + (EDGE_PX * slope) ** 2 + 1.0 / 12.0 / count)
+        sd = np.sqrt(variance + (EDGE_PX * slope) ** 2 + data.noise.tone.step_DN**2 / 12.0 / count)
         # Near the end of the scale the quick prediction may be clipped where the frame is not.
-        sd[np.maximum(measured, frames) + NEAR * np.sqrt(variance) >= SATURATED_DN] = np.inf
+        sd[np.maximum(measured, frames) + NEAR * np.sqrt(variance) >= SATURATED * data.noise.full_DN(card)] = np.inf
         return (measured - frames).astype(np.float32), sd.astype(np.float32)
 
     def _noise_fields(self, wide: float, shape: tuple[int, ...], rng: np.random.Generator) -> Array:

@@ -92,7 +92,7 @@ class AnchoredModel:
     def __init__(self, observation: Observation, data: DataVector) -> None:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
-        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale)
+        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale, pixels=self.factor)
         self.fixed: Mapping[str, Mapping[str, Any]] = {}
         """Settings of effects that list defects: places that data showed."""
         self.codec_bias = np.zeros_like(data.cube)

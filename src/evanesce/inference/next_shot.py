@@ -120,7 +120,7 @@ def next_shot(
     before = entropy(prior)
     rows: list[tuple[float, str, float]] = []
     for shot in menu(model.data.views):
-        predictor = form_predictor(model.coarse.scene, [shot.view], model.data.scale)
+        predictor = form_predictor(model.coarse.scene, [shot.view], model.data.scale, model.coarse.pixels)
         forms = {f.id: f for f in FormBank(predictor, bank.point).of(chosen)}
         left = before
         if forms:
@@ -181,7 +181,9 @@ def _entropy_after(
 ) -> float:
     """Return the mean entropy after a shot, over shots drawn under each cause in proportion to its probability."""
     base = predictor.cube(point)
-    sd = np.sqrt(model.data.noise.variance(base, view.frames) + rounding_sd(model.data.noise.tone, base) ** 2)
+    sd = np.sqrt(
+        model.data.noise.variance(base, view.frames, view.is_card) + rounding_sd(model.data.noise.tone, base) ** 2
+    )
     # Pose and levels are known by now; the shot's own jitter, and a card's place, are not.
     new = [p for p in nuisance_parameters([view], model.data.noise.flicker) if p.linear or view.is_card]
     slopes = [(derivative(predictor, point, p, [0], base) / sd).ravel() for p in new]

@@ -19,7 +19,6 @@ from evanesce.inference.form_noise import widening
 from evanesce.inference.listing import Listed, enlarged, placed
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.parameters import derivative
-from evanesce.prediction.tone import expected_tone
 
 Array = NDArray[Any]
 
@@ -79,7 +78,7 @@ def ripple_of(
     if not single:
         return None
     measured = model.observation.images[list(data.open)][single]
-    light = expected_tone(scene.camera, data.scale).slope_by_light(measured) * weight[single]
+    light = data.noise.tone.slope_by_light(measured) * weight[single]
     exposure_s = scene.camera.exposure_ms * 1e-3
     readout_s = getattr(cause.candidate.effect.parameters(), bands.readout) * 1e-3
     drawn = None

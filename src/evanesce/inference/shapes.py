@@ -18,9 +18,9 @@ from evanesce.inference.constants import DRAWS
 from evanesce.inference.data import DataVector, stepped
 from evanesce.inference.laws import Law, Seen, all_laws
 from evanesce.inference.unknown import unknown_blocks
+from evanesce.prediction.colour import expected_grey
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.predict import Predictor
-from evanesce.prediction.tone import expected_tone
 from evanesce.prediction.views import View
 from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
 from evanesce.rig import Scene
@@ -120,7 +120,7 @@ def _within(parameter: Parameter, *wanted: float) -> float:
     return float(np.clip(wanted[-1], low, high))
 
 
-def form_predictor(scene: Scene, views: Sequence[View], noise_scale: float) -> Predictor:
+def form_predictor(scene: Scene, views: Sequence[View], noise_scale: float, pixels: float) -> Predictor:
     """Return the predictor of which a rig's forms are made.
 
     Parameters
@@ -128,10 +128,10 @@ def form_predictor(scene: Scene, views: Sequence[View], noise_scale: float) -> P
     scene : Scene
         At the critic's resolution.
     views : sequence of View
-    noise_scale : float
+    noise_scale, pixels : float
         See :class:`evanesce.prediction.predict.Predictor`.
     """
-    return Predictor(scene, views, noise_scale=stepped(noise_scale, SCALE_STEP))
+    return Predictor(scene, views, noise_scale=stepped(noise_scale, SCALE_STEP), pixels=pixels)
 
 
 @dataclass
@@ -219,6 +219,7 @@ class FormBank:
                 self.coarse.views,
                 finer=self.coarse.finer,
                 noise_scale=self.coarse.noise_scale,
+                pixels=self.coarse.pixels,
             )
             return np.asarray(self._cube(other, {}) - self.nominal)
         assert law.change is not None
@@ -228,7 +229,7 @@ class FormBank:
     def seen(self) -> Seen:
         """The nominal prediction for laws that change it."""
         nominal = self.nominal
-        tone = expected_tone(self.coarse.scene.camera, self.coarse.noise_scale)
+        tone = expected_grey(self.coarse.scene, self.coarse.noise_scale)
         rising = np.concatenate([[True], np.diff(tone.mean) > FLAT_DN])
         by_signal = np.interp(nominal, tone.mean[rising], np.gradient(tone.mean, tone.signal)[rising])
         rows, cols = nominal.shape[1:]

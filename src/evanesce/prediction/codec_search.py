@@ -53,8 +53,8 @@ FILMED = 3
 WINDOW_PX = (480, 640)
 """Part of the frame, where it is brightest, by which the codec is chosen."""
 
-LEVELS_DN = (8.0, 40.0)
-"""Borders of the groups of level in which scatter is compared."""
+LEVELS = (8.0 / 255.0, 40.0 / 255.0)
+"""Borders of the groups of level in which scatter is compared, over that of a full pixel."""
 
 
 def codec_of(
@@ -86,7 +86,8 @@ def codec_of(
     side = BIN_PX * shooting.factor
     part = _brightest(shooting.binned(picture), tuple(n // side for n in WINDOW_PX))
     real = tuple(slice(s.start * side, s.stop * side) for s in part)
-    seen, seen_sd = _traits(held[(slice(None), *part)], (scatter[0][part], scatter[1][part]))
+    borders = shooting.tone(1.0).full_DN * np.array(LEVELS)
+    seen, seen_sd = _traits(held[(slice(None), *part)], (scatter[0][part], scatter[1][part]), borders)
     states = [np.array(state()[real], np.float32) for state in before]
     seed = int(rng.integers(2**32))
     tried: dict[tuple[Codec, float], float] = {}
@@ -102,7 +103,7 @@ def codec_of(
                     yield next(frames)
 
         back = list(codec.through(film()))[-len(held) :]
-        found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor))
+        found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor), borders)
         off = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
         return off + float(np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
 
@@ -171,7 +172,7 @@ def _brightest(level: Array, most: tuple[int, ...]) -> tuple[slice, slice]:
     return slice(top, top + rows), slice(left, left + cols)
 
 
-def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
+def _traits(frames: Array, scatter: tuple[Array, Array], borders: Array) -> tuple[Array, Array]:
     """Return what tells codecs apart, and its standard deviation.
 
     By level: log scatter of pixels and of bins, how like that of the next frame is, the share that is the same in it,
@@ -181,11 +182,11 @@ def _traits(frames: Array, scatter: tuple[Array, Array]) -> tuple[Array, Array]:
     left = frames - frames.mean(axis=0)
     bins = (left**2).sum(axis=0) / (len(frames) - 1)
     next_to = (left[1:] * left[:-1]).sum(axis=0) / (len(frames) - 1)
-    group = np.digitize(level, LEVELS_DN)
+    group = np.digitize(level, borders)
     still = (frames[1:] == frames[:-1]).mean(axis=0)
     found: list[float] = []
     sd: list[float] = []
-    for k in range(len(LEVELS_DN) + 1):
+    for k in range(len(borders) + 1):
         mine = group == k
         if mine.sum() < 20:
             found, sd = [*found, *[np.nan] * 5], [*sd, *[1.0] * 5]

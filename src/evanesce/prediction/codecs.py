@@ -64,29 +64,33 @@ class Codec:
         return replace(self, quality=int(np.clip(self.quality + steps, low, high)))
 
     def through(self, frames: Iterator[Array]) -> Iterator[Array]:
-        """Yield frames (rows, cols) of uint8 after the codec, the kept ones."""
+        """Yield frames (rows, cols), or (rows, cols, 3) in colour, of uint8 after the codec, the kept ones."""
         return _as_video(frames, self) if self.kind == "h264" else _as_jpeg(frames, self.quality)
 
 
 def _as_jpeg(frames: Iterator[Array], quality: int) -> Iterator[Array]:
     for frame in frames:
-        _, data = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        yield np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+        coloured = frame.ndim == 3
+        shown = frame[..., ::-1] if coloured else frame
+        _, data = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        back = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR if coloured else cv2.IMREAD_GRAYSCALE))
+        yield back[..., ::-1] if coloured else back
 
 
 def _as_video(frames: Iterator[Array], codec: Codec) -> Iterator[Array]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        shape = (0, 0)
+        shape: tuple[int, ...] = (0, 0)
         with VideoWriter(path, codec="h264", quality=codec.quality, x264=codec.encoder) as film:
             for k, frame in enumerate(frames):
                 shape = frame.shape
-                even = np.pad(frame, [(0, n % 2) for n in shape], mode="edge")
+                even = np.pad(frame, [(0, n % 2) for n in shape[:2]] + [(0, 0)] * (frame.ndim - 2), mode="edge")
                 film.add(Frame(data=even, time=k / 30.0, index=k))
         with av.open(str(path)) as container:
             for k, picture in enumerate(container.decode(video=0)):
                 if k % codec.filmed == codec.filmed - 1:
-                    yield picture.to_ndarray(format="rgb24")[: shape[0], : shape[1], 1]
+                    back = picture.to_ndarray(format="rgb24")[: shape[0], : shape[1]]
+                    yield back if len(shape) == 3 else back[..., 1]
 
 
 @dataclass(frozen=True)

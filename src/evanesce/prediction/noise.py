@@ -50,6 +50,8 @@ class Noise:
         Whether replicates gave all this.
     floor_DN : float
         Standard deviation below which nothing is believed [DN].
+    lamp : ExpectedTone, optional
+        As ``tone``, of cards under a white lamp, where a colour camera sees that otherwise than the LEDs' light.
     """
 
     tone: ExpectedTone
@@ -59,12 +61,20 @@ class Noise:
     fields: Array
     measured: bool
     floor_DN: float
+    lamp: ExpectedTone | None = None
 
-    def variance(self, level_DN: Array, frames: Array | int = 1) -> Array:
-        """Return the variance [DN^2] of a bin of the mean of ``frames`` frames, at predicted levels."""
-        pixel = self.tone.variance_at(level_DN) / BIN_PX**2
+    def variance(self, level_DN: Array, frames: Array | int = 1, card: Array | bool = False) -> Array:
+        """Return the variance [DN^2] of a bin of the mean of some frames, at predicted levels, of cards or not."""
+        pixel = self.tone.binned_variance_at(level_DN)
         ratio = np.interp(level_DN, self.levels, self.ratio)
+        if self.lamp is not None:  # replicates tell nothing of another light
+            pixel = np.where(card, self.lamp.binned_variance_at(level_DN), pixel)
+            ratio = np.where(card, 1.0, ratio)
         return np.asarray(pixel * ratio / frames + self.floor_DN**2)
+
+    def full_DN(self, card: Array | bool = False) -> Array:
+        """Return the level of full pixels [DN], of cards or not."""
+        return np.where(card, (self.lamp or self.tone).full_DN, self.tone.full_DN)
 
     def draws(self, shape: tuple[int, int, int], count: int, rng: np.random.Generator) -> Array:
         """Return ``count`` cubes (views, rows, cols) of pure noise of unit variance, correlated as it was measured.
@@ -119,7 +129,7 @@ def noise_of(
     mean, light, contrasts = parts["replicate"]
     found = Noise(tone, levels, ratio, jitter_of(light), np.zeros((0, *shape)), True, floor_DN)
     sd = np.sqrt(found.variance(mean))
-    lit = tone.variance_at(mean) / BIN_PX**2 > 4 * floor_DN**2
+    lit = tone.binned_variance_at(mean) > 4 * floor_DN**2
     fields = _filled(_with_light(contrasts / sd, tone.slope_by_light(mean) / sd, lit, rng), lit, rng)
     return Noise(tone, levels, ratio, found.flicker, fields, True, floor_DN)
 
@@ -184,7 +194,7 @@ def _by_level(parts: list[tuple[Array, Array, Array]], tone: ExpectedTone, floor
     """Return measured over modelled variance in groups of like level."""
     level = np.concatenate([mean.ravel() for mean, _, _ in parts])
     measured = np.concatenate([(contrasts**2).mean(axis=0).ravel() for _, _, contrasts in parts])
-    modelled = tone.variance_at(level) / BIN_PX**2
+    modelled = tone.binned_variance_at(level)
     use = modelled > floor_DN**2
     if use.sum() < 50:
         return np.array([0.0, 255.0]), np.ones(2)

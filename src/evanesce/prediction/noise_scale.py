@@ -17,23 +17,23 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from evanesce.prediction import priors
-from evanesce.prediction.tone import expected_tone
-from evanesce.rig import Camera
+from evanesce.prediction.tone import ExpectedTone
 
 Array = NDArray[Any]
+ToneOf = Callable[[float], ExpectedTone]
 
 LOW, HIGH = 0.1, 3.0
 AGREE = 0.05
 """Relative difference below which scatter and level tell of one noise."""
 
-TOLD_DN = 0.2
-"""The dark level tells of the noise's size if a fifth more of it changes it by so much."""
+TOLD_STEPS = 0.2
+"""The dark level tells of the noise's size if a fifth more of it changes it by so many steps of rounding."""
 
-LIT_DN = 40.0
-"""Level from which on the place of black makes no difference to the scatter."""
+LIT_SHARE = 40.0 / 255.0
+"""Of a full pixel's level, from which on the place of black makes no difference to the scatter."""
 
-QUIET_DN2 = 3.0 / 12.0
-"""Variance in the light, three times that of rounding itself, below which noise is seldom seen [DN^2]."""
+QUIET = 3.0 / 12.0
+"""Variance in the light, three times that of rounding itself, below which noise is seldom seen [steps^2]."""
 
 CLOSE, LOOSE = priors.SCALE_CLOSE, priors.SCALE_LOOSE
 """Prior standard deviations of the logarithm: both figures agree, or one alone is there."""
@@ -63,22 +63,22 @@ class NoiseScale:
     silent: bool = False
 
 
-def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], *, coded: bool = True) -> NoiseScale:
+def noise_scale_of(tone_of: ToneOf, scatter: Mapping[str, tuple[Array, Array]], *, coded: bool = True) -> NoiseScale:
     """Return the size of the noise that held states and a covered lens show.
 
     Parameters
     ----------
-    camera : Camera
-        With the real pixels.
+    tone_of : callable
+        ``tone_of(scale) -> ExpectedTone`` of the real pixels, by noise so many times as large.
     scatter : mapping of str to tuple of ndarray
         By kind of shot, level [DN] and variance of single pixels [DN^2] in bins.
     coded : bool
         Whether a codec may have smoothed it: noise that shows no trace of one was not.
     """
-    if _too_quiet(camera, scatter):
+    if _too_quiet(tone_of, scatter):
         return NoiseScale()
-    spread = _by_scatter(camera, scatter)
-    dark = _by_level(camera, scatter)
+    spread = _by_scatter(tone_of, scatter)
+    dark = _by_level(tone_of, scatter)
     if spread == LOW:  # hardly any scatter is left: no camera is so quiet, a codec makes it so
         return NoiseScale(1.0 if dark is None else dark, LOOSE, codec=True, silent=True)
     if dark is None:
@@ -87,34 +87,35 @@ def noise_scale_of(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], *
         return NoiseScale(dark, LOOSE)
     if abs(np.log(spread / dark)) < AGREE:
         return NoiseScale(spread, CLOSE)
-    found = _of_displaced_black(camera, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
+    found = _of_displaced_black(tone_of, scatter) or NoiseScale(dark, LOOSE, codec=spread < dark)
     # Without a codec darkness is off by another tone curve or black level.
     return NoiseScale(spread, 2 * CLOSE) if found.codec and not coded else found
 
 
-def _too_quiet(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> bool:
+def _too_quiet(tone_of: ToneOf, scatter: Mapping[str, tuple[Array, Array]]) -> bool:
     """Tell whether the believed camera's noise is lost in its rounding: its scatter tells of no codec then."""
     levels = np.concatenate([np.ravel(part[0]) for part in scatter.values()] or [np.zeros(0)])
-    lit = levels[levels > LIT_DN]
-    return bool(lit.size and np.mean(expected_tone(camera, 1.0).variance_at(lit)) < QUIET_DN2)
+    tone = tone_of(1.0)
+    lit = levels[levels > LIT_SHARE * tone.full_DN]
+    return bool(lit.size and np.mean(tone.variance_at(lit)) < QUIET * tone.step_DN**2)
 
 
-def _of_displaced_black(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale | None:
+def _of_displaced_black(tone_of: ToneOf, scatter: Mapping[str, tuple[Array, Array]]) -> NoiseScale | None:
     """Return the noise of a camera with another black level, if one explains scatter in the light and in the dark.
 
     A codec smooths after the curve has cut off what lies below black, so that no level goes with its scatter.
     """
-    scale = _by_scatter(camera, scatter, LIT_DN)
+    scale = _by_scatter(tone_of, scatter, LIT_SHARE * tone_of(1.0).full_DN)
     if scale is None or "lens_cap" not in scatter:
         return None
-    tone, (level, variance) = expected_tone(camera, scale), scatter["lens_cap"]
+    tone, (level, variance) = tone_of(scale), scatter["lens_cap"]
     if abs(np.log(float(tone.variance_at(level).mean()) / float(np.mean(variance)))) > 2 * AGREE:
         return None
     signal = float(np.interp(np.mean(level), tone.mean, tone.signal))
-    return NoiseScale(scale, CLOSE, black_DN=signal - camera.pixel.black_level_DN)
+    return NoiseScale(scale, CLOSE, black_DN=signal - tone.black_DN)
 
 
-def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], least_DN: float = -np.inf) -> float | None:
+def _by_scatter(tone_of: ToneOf, scatter: Mapping[str, tuple[Array, Array]], least_DN: float = -np.inf) -> float | None:
     """Return the scale whose variance, over all bins of some level at least, is the measured one; at least ``LOW``."""
     if not scatter:
         return None
@@ -126,21 +127,22 @@ def _by_scatter(camera: Camera, scatter: Mapping[str, tuple[Array, Array]], leas
     variance = float(np.concatenate([np.ravel(part[1]) for part in scatter.values()])[chosen].mean())
 
     def surplus(scale: float) -> float:
-        return float(expected_tone(camera, scale).variance_at(level).mean()) - variance
+        return float(tone_of(scale).variance_at(level).mean()) - variance
 
     return LOW if surplus(LOW) >= 0 else _root(surplus)
 
 
-def _by_level(camera: Camera, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:
+def _by_level(tone_of: ToneOf, scatter: Mapping[str, tuple[Array, Array]]) -> float | None:
     """Return the scale whose mean at the black level is that of a covered lens."""
     if "lens_cap" not in scatter:
         return None
-    black = np.array(camera.pixel.black_level_DN)
+    nominal = tone_of(1.0)
+    black = np.array(nominal.black_DN)
 
     def dark(scale: float) -> float:
-        return float(expected_tone(camera, scale).mean_of(black))
+        return float(tone_of(scale).mean_of(black))
 
-    if dark(1.2) - dark(1.0) < TOLD_DN:
+    if dark(1.2) - dark(1.0) < TOLD_STEPS * nominal.step_DN:
         return None
     level = float(np.mean(scatter["lens_cap"][0]))
     return _root(lambda scale: dark(scale) - level)

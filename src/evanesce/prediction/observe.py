@@ -15,6 +15,7 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series, Shot
 from evanesce.core.errors import InputError
 from evanesce.prediction.codec_traces import codec_traces
+from evanesce.prediction.colour import grey_of, luma_of
 from evanesce.prediction.jpeg_steps import jpeg_quality
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Scene
@@ -158,12 +159,13 @@ def observe(bundle: Bundle) -> Observation:
     locked = locked_conditions(bundle.press)
     for shot in bundle.press:
         views.append(_press_view(shot, locked=shot.condition in locked))
-        images.append(binned(bundle.frame(shot), factor))
+        images.append(binned(grey_of(bundle.frame(shot)), factor))
     scatter: dict[str, tuple[Array, Array]] = {}
     pixel_noise: Array | None = None
     raw = list(bundle.replicate_frames)
-    jpeg, traces = jpeg_quality(raw[:JPEG_FRAMES]), codec_traces(raw)
-    replicates = [binned(frame, factor) for frame in raw]
+    luma = [luma_of(frame) for frame in raw]
+    jpeg, traces = jpeg_quality(luma[:JPEG_FRAMES]), codec_traces(luma)
+    replicates = [binned(grey_of(frame), factor) for frame in raw]
     if len(replicates) > 1:
         held["replicate"] = binned(np.array(replicates))
         scatter["replicate"] = pixel_scatter(raw, factor)
@@ -176,7 +178,7 @@ def observe(bundle: Bundle) -> Observation:
         images.append(np.mean(replicates, axis=0))
     for kind in ("led_off", "lens_cap", "checkerboard", "square"):
         raw = list(bundle.frames(kind))
-        frames = [binned(frame, factor) for frame in raw]
+        frames = [binned(grey_of(frame), factor) for frame in raw]
         if not frames:
             continue
         if len(frames) > 1:
@@ -201,24 +203,10 @@ def observe(bundle: Bundle) -> Observation:
     )
 
 
-def require_monochrome(bundle: Bundle) -> None:
-    """Refuse the frames of a colour camera, which the prediction has no model of.
-
-    Raises
-    ------
-    InputError
-    """
-    if bundle.scene.camera.colour is not None:
-        raise InputError(
-            "frames in colour cannot be fitted or criticised yet", file=bundle.path / "scene.toml", key="camera.colour",
-            allowed="a scene without this table: frames are then read as grey",
-        )  # fmt: skip
-
-
 def pixel_scatter(frames: Sequence[Array], factor: int) -> tuple[Array, Array]:
     """Return level [DN] and variance [DN^2] of single pixels over frames of one state, both in bins."""
-    total, square = np.zeros(frames[0].shape), np.zeros(frames[0].shape)
-    for frame in frames:
+    total, square = np.zeros(frames[0].shape[:2]), np.zeros(frames[0].shape[:2])
+    for frame in map(grey_of, frames):
         total += frame
         square += np.square(frame, dtype=float)
     mean = total / len(frames)

@@ -21,6 +21,7 @@ from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at, under_lamp
+from evanesce.prediction.colour import Development, expected_colour, light_levels, widened
 from evanesce.prediction.plate_light import (
     behind_plate,
     dark,
@@ -40,6 +41,7 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 from evanesce.sensor.expose import charge_of, signal_of
 from evanesce.sensor.lens import form_image
+from evanesce.sensor.response import card_response, led_response
 
 Array = NDArray[Any]
 T = TypeVar("T")
@@ -47,7 +49,7 @@ T = TypeVar("T")
 SEED = 0
 """Of effects with random places: the critic takes their scaling and shape from it, never their places."""
 
-KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS = 80, 80, 400
+KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS, KEEP_WAYS = 80, 80, 400, 8
 KEEP_CONTACTS = 24
 """Of all predictors of a process together, some 25 MB each: as many states as most bundles hold."""
 
@@ -95,19 +97,23 @@ class Predictor:
         The light is computed on so many times as many rays along each side.
     noise_scale : float
         Real over modelled noise before the tone curve (:mod:`evanesce.prediction.noise_scale`).
+    pixels : float
+        Real pixels along one of the scene's: over those a colour camera's frames are demosaiced.
     """
 
-    def __init__(self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0) -> None:
+    def __init__(
+        self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0, pixels: float = 1.0
+    ) -> None:
         self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
-        self.recipe = Recipe(
-            Predictor, {"scene": scene, "views": self.views, "finer": finer, "noise_scale": noise_scale}
-        )
+        self.pixels = pixels
+        options = {"finer": finer, "noise_scale": noise_scale, "pixels": pixels}
+        self.recipe = Recipe(Predictor, {"scene": scene, "views": self.views, **options})
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
         self.fixed: dict[str, Mapping[str, Any]] = {}
         """Settings of effects that the scene does not have: places that data showed."""
         self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
-        self._bins, self._points = Kept(KEEP_BINS), Kept(4)
+        self._bins, self._points, self._ways = Kept(KEEP_BINS), Kept(4), Kept(KEEP_WAYS)
         self._known: set[str] = set()
         self._timed: set[str] = set()
 
@@ -233,7 +239,7 @@ class Predictor:
             if at != level:
                 own = self._own_light(rig, nuisances, effects, context, way) if stages else 0.0
                 sensor = SensorLight(irradiance=own + (sensor.irradiance - own) * (level / at))
-        return self._expose(rig, sensor, nuisances, effects, context)
+        return self._expose(rig, sensor, nuisances, effects, context, view.is_card)
 
     def _own_light(
         self, rig: Scene, nuisances: Nuisances, effects: tuple[Active, ...], context: Context, way: tuple[Any, ...]
@@ -320,22 +326,50 @@ class Predictor:
         return sensor
 
     def _expose(
-        self, rig: Scene, sensor: SensorLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
-    ) -> Array:
+        self, rig: Scene, sensor: SensorLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context,
+        card: bool,
+    ) -> Array:  # fmt: skip
         """Return the mean frame of an irradiance: pixel, readout and tone with all effects behind the lens."""
-        camera = rig.camera
         light = sensor
         if nuisances.log_light:
             light = SensorLight(irradiance=sensor.irradiance * float(np.exp(nuisances.log_light)))
-        charge = self._apply(Stage.CHARGE, charge_of(light, camera), effects, context)
-        signal = signal_of(charge, camera, None) + nuisances.black_DN
-        signal = self._apply(Stage.READOUT, signal, effects, context)
+        plain = rig.camera.model_copy(update={"colour": None})
+        charge = self._apply(Stage.CHARGE, charge_of(light, plain), effects, context)
         scale = self.noise_scale * float(np.exp(nuisances.log_noise))
-        mean: Any = expected_tone(camera, scale).mean_of(np.asarray(signal, float))
-        if not any(e.effect.stage is Stage.FRAME for e in effects):
-            return np.asarray(mean)
-        frame = Frame(data=mean, time=context.time_s, index=context.index)
-        return np.asarray(self._apply(Stage.FRAME, frame, effects, context).data, float)
+        after = [e for e in effects if e.effect.stage is Stage.FRAME]
+
+        def read(charge_e: Array) -> Array:
+            signal = signal_of(charge_e, plain, None) + nuisances.black_DN
+            return np.asarray(self._apply(Stage.READOUT, signal, effects, context), float)
+
+        def finished(mean: Any) -> Array:
+            if not after:
+                return np.asarray(mean)
+            frame = Frame(data=mean, time=context.time_s, index=context.index)
+            return np.asarray(self._apply(Stage.FRAME, frame, effects, context).data, float)
+
+        response = card_response(rig.camera) if card else led_response(rig)
+        if response is None or rig.camera.colour is None:
+            return finished(expected_tone(plain, scale).mean_of(read(charge)))
+        # What a filter holds back of the light it does not of the dark current.
+        dark_e = plain.pixel.dark_rate_e_per_s * plain.exposure_ms * 1e-3
+        e_per_DN = plain.pixel.conversion_gain_e_per_DN / plain.analogue_gain
+        behind = [e for e in effects if e.effect.stage is Stage.READOUT]
+        development = Development(
+            expected_colour(rig.camera, scale),
+            e_per_DN * light_levels(rig.camera, response),
+            lambda light_e: np.array([read(share * light_e + dark_e) for share in response]),
+            finished,
+            all(e.effect.pointwise for e in behind),
+            all(e.effect.pointwise for e in after),
+            rig.camera.colour.mosaic if self.pixels == 1.0 else None,
+        )
+        settings = (repr(behind + after), scale, nuisances.black_DN, response, self._moment(behind + after, context))
+        way = self._ways.get((rig.camera, *settings), development.way)
+        light_e = charge - dark_e
+        if self.pixels > 1.0:
+            light_e = widened(light_e, rig.camera, response, self.pixels)
+        return development.grey(light_e, way)
 
 
 def _tried(make: Callable[[], Array]) -> Array | InputError:

@@ -20,11 +20,14 @@ from scipy import fft, ndimage
 from evanesce.core.threads import one_by_one
 from evanesce.prediction import priors
 from evanesce.prediction.codecs import Codec, Likely
+from evanesce.prediction.colour import expected_grey, grey_of
 from evanesce.prediction.correlation import Correlation
-from evanesce.prediction.tone import expected_tone, signal_sd
+from evanesce.prediction.tone import ExpectedTone, signal_sd
 from evanesce.prediction.views import BIN_PX, View, binned
-from evanesce.rig import Camera
+from evanesce.rig import Camera, Scene
+from evanesce.sensor.colour import mosaic
 from evanesce.sensor.expose import frame_of
+from evanesce.sensor.response import card_response, led_response
 
 Array = NDArray[Any]
 
@@ -140,7 +143,7 @@ class Shooting:
 
     Attributes
     ----------
-    camera : Camera
+    scene : Scene
         With the real pixels.
     scale : float
         Real over modelled noise before the tone curve.
@@ -154,42 +157,65 @@ class Shooting:
         anew where still ones would be handed on.
     black_DN, light : float
         Added to the black level [raw DN], and relatively to the light.
+    card : bool
+        Whether a card under a white lamp is seen.
     """
 
-    camera: Camera
+    scene: Scene
     scale: float
     factor: int
     modelled: float | None = None
     flicker: float = 0.0
     black_DN: float = 0.0
     light: float = 0.0
+    card: bool = False
+
+    @property
+    def camera(self) -> Camera:
+        """With the real pixels."""
+        return self.scene.camera
+
+    @property
+    def response(self) -> Array:
+        """Shares of light that the filters let through, as a mosaic (rows, cols) [1]; 1 of a monochrome camera."""
+        colour, (cols, rows) = self.camera.colour, self.camera.resolution_px
+        response = card_response(self.camera) if self.card else led_response(self.scene)
+        if colour is None or response is None:
+            return np.ones((1, 1))
+        return mosaic(np.ones((rows, cols)), response, colour.mosaic)
+
+    def tone(self, scale: float) -> ExpectedTone:
+        """Return the moments of a pixel's level by noise so many times as large as modelled."""
+        return expected_grey(self.scene, scale, card=self.card)
 
     def signal(self, level: Array) -> Array:
         """Return the mean signal [raw DN] where a prediction has a level [DN]."""
-        tone = expected_tone(self.camera, self.scale if self.modelled is None else self.modelled)
+        tone = self.tone(self.scale if self.modelled is None else self.modelled)
         rising = np.concatenate([[True], np.diff(tone.mean) > 1e-9])
         signal = np.interp(level, tone.mean[rising], tone.signal[rising])
         return np.asarray(signal + self.black_DN + self.light * (signal - self.camera.pixel.black_level_DN))
 
     def frames(self, signal: Array, rng: np.random.Generator) -> Iterator[Array]:
-        """Yield frames (rows, cols) of uint8 of a mean signal [raw DN], with the camera's noise, without end."""
-        sd = signal_sd(self.camera, signal, self.scale)
-        light = signal - self.camera.pixel.black_level_DN
+        """Yield frames of uint8 of a mean signal (rows, cols) [raw DN], with the camera's noise, without end."""
+        black = self.camera.pixel.black_level_DN
+        part = self.response[: signal.shape[0], : signal.shape[1]]
+        light = part * (signal - black)
+        sd = signal_sd(self.camera, black + light, self.scale)
         while True:
             noise = sd * rng.standard_normal(signal.shape, np.float32)
-            yield frame_of(signal + self.flicker * rng.standard_normal() * light + noise, self.camera).data
+            yield frame_of(black + (1.0 + self.flicker * rng.standard_normal()) * light + noise, self.camera).data
 
     def mean(self, signal: Array) -> Array:
         """Return the bins' mean without a codec [DN]."""
-        return self.binned(expected_tone(self.camera, self.scale).mean_of(signal))
+        return self.binned(self.tone(self.scale).mean_of(signal))
 
     def binned(self, frame: Array) -> Array:
-        """Return a frame's bins [DN]."""
-        return binned(frame, BIN_PX * self.factor)
+        """Return a frame's bins, of its grey [DN]."""
+        return binned(grey_of(frame), BIN_PX * self.factor)
 
     def averaged(self, frame: Array) -> Array:
         """Return a frame at the model camera's pixels [DN]."""
-        return binned(frame, self.factor)
+        return binned(grey_of(frame), self.factor)
 
     def another(self, rng: np.random.Generator) -> Shooting:
         """Return it with noise, black level and light as they may be instead."""
@@ -290,11 +316,12 @@ def _one_draw(
 
     def film() -> Iterator[Array]:
         for k, view in enumerate(views):
-            signal = shooting.signal(pictures(k))
-            mean = expected_tone(shooting.camera, shooting.scale).mean_of(signal)
+            taking = replace(shooting, card=view.is_card)
+            signal = taking.signal(pictures(k))
+            mean = taking.tone(shooting.scale).mean_of(signal)
             expected.append(shooting.binned(mean))
             level.append(shooting.averaged(mean).astype(np.float32))
-            frames = shooting.frames(signal, rng)
+            frames = taking.frames(signal, rng)
             kept = []
             for number in range(view.frames * codec.filmed):
                 frame = next(frames)
@@ -304,7 +331,7 @@ def _one_draw(
             before.append(np.mean(kept, axis=0))
 
     back = codec.through(film())
-    after = [np.mean([next(back).astype(np.float32) for _ in range(v.frames)], axis=0) for v in views]
+    after = [np.mean([grey_of(next(back)).astype(np.float32) for _ in range(v.frames)], axis=0) for v in views]
     # The film is only done with, and its folder gone, once nothing more comes.
     if next(back, None) is not None:
         raise RuntimeError("more frames came back than were filmed")

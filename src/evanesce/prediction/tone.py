@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from evanesce.prediction.views import BIN_PX
 from evanesce.rig import Camera
 from evanesce.sensor.tone import CURVES, relative_light
 
@@ -46,12 +47,21 @@ class ExpectedTone:
         Of the 8-bit value, rounding included [DN^2].
     black_DN : float
         Signal without light [raw DN].
+    alike : ndarray (n,), optional
+        Variance of the mean of many neighbours over that of as many independent pixels [1]; 1 by default.
+    step_DN : float
+        By which values are rounded [DN].
+    full_DN : float
+        The value of a full pixel [DN].
     """
 
     signal: Array
     mean: Array
     variance: Array
     black_DN: float = 0.0
+    alike: Array | None = None
+    step_DN: float = 1.0
+    full_DN: float = 255.0
 
     def mean_of(self, signal_DN: Array) -> Array:
         """Return the mean 8-bit value [DN] of mean signals [raw DN]."""
@@ -59,14 +69,21 @@ class ExpectedTone:
 
     def variance_at(self, level_DN: Array) -> Array:
         """Return the variance [DN^2] where the mean 8-bit value is ``level_DN``."""
+        return self._at(level_DN, self.variance)
+
+    def binned_variance_at(self, level_DN: Array) -> Array:
+        """Return the variance of the mean of a bin's pixels [DN^2] where the mean 8-bit value is ``level_DN``."""
+        whole = self.variance if self.alike is None else self.variance * self.alike
+        return self._at(level_DN, whole) / BIN_PX**2
+
+    def _at(self, level_DN: Array, values: Array) -> Array:
         rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])
-        return np.interp(level_DN, self.mean[rising], self.variance[rising])
+        return np.interp(level_DN, self.mean[rising], values[rising])
 
     def slope_by_light(self, level_DN: Array) -> Array:
         """Return what a relative change of light adds to the mean 8-bit value where that is ``level_DN`` [DN]."""
-        rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])
         slope = (self.signal - self.black_DN) * np.gradient(self.mean, self.signal)
-        return np.interp(level_DN, self.mean[rising], np.maximum(slope, 0.0)[rising])
+        return self._at(level_DN, np.maximum(slope, 0.0))
 
 
 def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
@@ -75,6 +92,7 @@ def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
     Parameters
     ----------
     camera : Camera
+        Monochrome; of a colour camera see :func:`evanesce.prediction.colour.expected_grey`.
     noise_scale : float
         Real over modelled standard deviation before the tone curve: a camera may smooth its noise.
     """
@@ -102,9 +120,26 @@ def signal_sd(camera: Camera, signal_DN: Array, noise_scale: float = 1.0) -> Arr
 def _tabulate(
     bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str, scale: float
 ) -> ExpectedTone:
-    codes = 2**bits
-    light = relative_light(np.arange(codes), black_level_DN=black_DN, bits=bits)
+    light = relative_light(np.arange(2**bits), black_level_DN=black_DN, bits=bits)
     table = np.floor(255.0 * np.clip(CURVES[curve](light), 0.0, 1.0) + 0.5)
+    return moments(table, black_DN, e_per_DN, read_noise_e, full_well_e, scale)
+
+
+def moments(
+    table: Array, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, scale: float
+) -> ExpectedTone:
+    """Return the moments of what a table makes of raw numbers.
+
+    Parameters
+    ----------
+    table : ndarray (2^bits,)
+        Value of each raw number.
+    black_DN, e_per_DN, read_noise_e, full_well_e : float
+        Black level [DN], charge per raw number [e-/DN], read noise and full well [e-].
+    scale : float
+        Real over modelled standard deviation.
+    """
+    codes = table.size
 
     def sd_at(signal: Array | float) -> Array:
         charge = np.clip((np.asarray(signal, float) - black_DN) * e_per_DN, 0.0, full_well_e)

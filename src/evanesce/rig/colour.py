@@ -11,6 +11,7 @@ from typing import Literal
 from evanesce.core.quantities import Strict, field
 
 Mosaic = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
+Demosaicing = Literal["bilinear", "edge-aware"]
 
 
 class Colour(Strict):
@@ -40,7 +41,7 @@ class Colour(Strict):
     )
     red_gain: float | None = field(None, unit="1", bounds=(0.1, 32.0), doc="in place of the tuning's, over green")
     blue_gain: float | None = field(None, unit="1", bounds=(0.1, 32.0), doc="in place of the tuning's, over green")
-    demosaicing: Literal["bilinear", "edge-aware"] = "bilinear"
+    demosaicing: Demosaicing = "bilinear"
     contrast_enhancement: bool = False
     """Whether the tone curve is stretched by the frame's histogram, as the tuning has it."""
     sharpening: float = field(

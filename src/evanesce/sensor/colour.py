@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 CHANNELS = "RGB"
 
 # OpenCV names a mosaic by the colours of its second row and column.
-_DEMOSAIC: dict[tuple[Pattern, str], int] = {
+DEMOSAIC: dict[tuple[Pattern, str], int] = {
     ("RGGB", "bilinear"): cv2.COLOR_BayerBG2RGB,
     ("BGGR", "bilinear"): cv2.COLOR_BayerRG2RGB,
     ("GRBG", "bilinear"): cv2.COLOR_BayerGB2RGB,
@@ -317,7 +317,7 @@ def finish_mosaic(balanced: NDArray[np.uint16], processor: ImageProcessor, patte
     def work(block: range) -> None:
         # Demosaicing looks two rows up and down; an even first row keeps the mosaic's pattern.
         first, last = max(0, block.start - 2), min(rows, block.stop + 2)
-        colour = np.asarray(cv2.cvtColor(balanced[first:last], _DEMOSAIC[pattern, processor.demosaicing]), np.uint16)
+        colour = np.asarray(cv2.cvtColor(balanced[first:last], DEMOSAIC[pattern, processor.demosaicing]), np.uint16)
         here = slice(block.start, block.stop)
         linear[here] = processor.linear(colour[block.start - first : block.stop - first])
         if not processor.contrast_enhancement:

@@ -41,6 +41,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("offset_DN",),
     apply=apply,
+    pointwise=True,
     # A measured unit's level moves by 1.3 DN over its gains; temperature and binning add some.
     fitted={"offset_DN": 5.0},
     scaling="constant in raw DN, at every voltage, force and exposure; largest in grey levels where it is dark",

@@ -43,6 +43,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("departure",),
     apply=apply,
+    pointwise=True,
     # The thesis's video is read as 25 and as 30 frames a second: 0.2 apart.
     fitted={"departure": 0.1},
     needs=("time",),

@@ -94,6 +94,7 @@ EFFECT = Effect(
     parameters=Parameters,
     amplitudes=("gamma", "contrast"),
     apply=apply,
+    pointwise=True,
     null_when="all",
     # The published curves differ by this: at a quarter of full light sRGB and libcamera are BT.709 to the power of
     # 0.87 and 0.67.

@@ -164,7 +164,7 @@ def fit_rig(
     Raises
     ------
     InputError
-        For a bundle without frames, or of a colour camera.
+        For a bundle without frames, or of a camera whose settings are automatic.
     GrossDifference
         If another rig was measured than the scene's.
     """

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from evanesce.core.rng import generator
 from evanesce.inference.constants import STEP_SHARE
-from evanesce.inference.data import SATURATED_DN, DataVector
+from evanesce.inference.data import SATURATED, DataVector
 from evanesce.inference.discrepancy import Discrepancy, tied_rows
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
@@ -133,7 +133,7 @@ def photo_data(photograph: Photograph, noise: Noise, sd: Array, left_out: Mask) 
     left_out : ndarray of bool (rows, cols)
         Bins that are no part of what smooth causes explain.
     """
-    counted = (photograph.data < SATURATED_DN) & ~left_out
+    counted = (photograph.data < 255.0 * SATURATED) & ~left_out
     valid = np.array([photograph.opened & counted, photograph.locked & (photograph.block >= 0) & counted])
     cube, sds = (np.repeat(x[None], 2, axis=0) for x in (photograph.data, sd))
     return DataVector(cube, sds, valid, VIEWS, noise, 1.0, 0.0)

@@ -49,7 +49,7 @@ def with_series(observation: Observation, data: DataVector, bundle: Bundle) -> A
 
 def bank_of(model: AnchoredModel, point: Point, tell: Tell = lambda line: None) -> FormBank:
     """Return the forms for a model of :func:`with_series`; arguments as of :class:`FormBank`."""
-    coarse = form_predictor(model.coarse.scene, model.coarse.views, model.data.scale)
+    coarse = form_predictor(model.coarse.scene, model.coarse.views, model.data.scale, model.coarse.pixels)
     if not isinstance(model, FramesAndSeries):
         return FormBank(coarse, point, tell)
     bank = FramesAndSeriesBank(coarse, point, tell)

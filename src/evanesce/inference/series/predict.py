@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.bundle.area import AreaReading, contact_area
+from evanesce.bundle.area import AreaReading
 from evanesce.bundle.layout import Series, Shot, with_shear
 from evanesce.chain.simulate import solve_contact
 from evanesce.contact.slide import slide_forces
@@ -18,6 +18,7 @@ from evanesce.contact.solve import contact_state, parts_of
 from evanesce.core.errors import InputError
 from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
 from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N, SHEAR
+from evanesce.prediction.colour import area_in
 from evanesce.prediction.fine import FinePredictor, in_pixels
 from evanesce.prediction.observe import model_factor, model_scene
 from evanesce.prediction.point import Nuisances, scene_with
@@ -57,7 +58,7 @@ class SeriesPredictor:
     def _predictor(self) -> Predictor:
         if self._fine:
             return FinePredictor(self.believed, (), model_factor(self.believed))
-        return Predictor(self.scene, ())
+        return Predictor(self.scene, (), pixels=self.factor)
 
     def log(self, series: Series, point: Point) -> Array:
         """Return the logarithm of one series' values (n,).
@@ -111,8 +112,7 @@ class SeriesPredictor:
         found = []
         for force, voltage, time in zip(*(states[n] for n in ("force", "voltage", "time")), strict=True):
             view = View(kind="press", force_N=float(force), voltage_V=float(voltage), time_s=float(time))
-            frame = np.floor(np.clip(frames.picture(scene, view, nuisances), 0, 255) + 0.5).astype(np.uint8)
-            found.append(contact_area(frame, frames.scene, reading))
+            found.append(area_in(frames.picture(scene, view, nuisances), frames.scene, reading))
         return np.maximum(np.array(found) * self._card_scale(scene), LEAST_AREA_MM2)
 
     def _card_scale(self, scene: Scene) -> float:

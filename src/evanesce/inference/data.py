@@ -29,6 +29,8 @@ Array = NDArray[Any]
 
 SATURATED = 254.0 / 255.0
 """Share of a full pixel's level, from which on a bin shows the end of the scale and nothing else."""
+BELOW_END_SD = 3.0
+"""Standard deviations that a bin's level has to be below that."""
 EVEN_SHARE = 0.1
 """Step from a bin to its neighbours, over its level, up to which its scatter is that of its level."""
 ALIKE = 1000
@@ -172,10 +174,10 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     level = _levels(cube, np.zeros_like(cube) if predicted is None else predicted, variance_at)
     variance = variance_at(level) + step_sd(cube) ** 2 + rounding_sd(tone, level) ** 2
     correlation = of_fields(noise.fields, len(observation.views)) if noise.measured else None
-    return DataVector(
-        cube, np.sqrt(variance), cube < SATURATED * noise.full_DN(card == 1), observation.views, noise, scale,
-        deviation, correlation,
-    )  # fmt: skip
+    sd, end = np.sqrt(variance), SATURATED * noise.full_DN(card == 1)
+    # Of bins about the end of the scale those would be left that are low by chance.
+    valid = (cube < end) & (level + BELOW_END_SD * sd < end)
+    return DataVector(cube, sd, valid, observation.views, noise, scale, deviation, correlation)
 
 
 def _levels(cube: Array, predicted: Array, variance_at: Callable[[Array], Array]) -> Array:

@@ -402,8 +402,10 @@ class Development:
         ``read(light_e (rows, cols)) -> ndarray (3, rows, cols)``: the filters' mean signals [raw DN].
     finish : callable
         What follows on mean developed colour (rows, cols, 3) [DN].
-    read_alone, finish_alone : bool
-        Whether each pixel's signal, and what follows, depends on its own light alone.
+    plain : callable, optional
+        ``read`` without what makes a pixel's signal depend on its neighbours'.
+    finish_alone : bool
+        Whether what follows depends on each pixel's own light alone.
     pattern : {"RGGB", "BGGR", "GRBG", "GBRG"}, optional
         Of the mosaic, where pixels are the camera's own; by default demosaicing widens the light.
     """
@@ -412,13 +414,13 @@ class Development:
     levels_e: Array
     read: Callable[[Array], Array]
     finish: Callable[[Array], Array]
-    read_alone: bool = True
+    plain: Callable[[Array], Array] | None = None
     finish_alone: bool = True
     pattern: Mosaic | None = None
 
     def way(self) -> Way:
         """Return the way at :attr:`levels_e`: it serves all frames of the same settings."""
-        signals = self.read(self.levels_e[None])
+        signals = (self.plain or self.read)(self.levels_e[None])
         colour = self.colour.mean_of(signals)[0]
         grey = (self.finish(colour[None]) @ GREY)[0] if self.finish_alone else np.zeros(0)
         spread = self.colour.spread(signals)[:, 0]
@@ -434,13 +436,14 @@ class Development:
             [e-].
         way : Way
         """
-        if not self.read_alone:
-            colour = way.at(light_e, way.colour - way.nearly) + self.colour.nearly(self.read(light_e), self.pattern)
-            return np.asarray(self.finish(colour) @ GREY)
         uneven, mixed = self._demosaiced(light_e, way)
-        if not self.finish_alone:
+        if self.plain is not None or not self.finish_alone:
             colour = way.at(light_e, way.colour)
             colour[uneven] = mixed
+            if self.plain is not None:
+                # By the change alone: what the two ways differ by would be found in the data.
+                after, before = (self.colour.nearly(read(light_e), self.pattern) for read in (self.read, self.plain))
+                colour += after - before
             return np.asarray(self.finish(colour) @ GREY)
         found = np.interp(light_e, way.levels_e, way.grey)
         if len(mixed):

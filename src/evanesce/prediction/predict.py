@@ -338,9 +338,11 @@ class Predictor:
         scale = self.noise_scale * float(np.exp(nuisances.log_noise))
         after = [e for e in effects if e.effect.stage is Stage.FRAME]
 
+        def unchanged(charge_e: Array) -> Array:
+            return np.asarray(signal_of(charge_e, plain, None) + nuisances.black_DN, float)
+
         def read(charge_e: Array) -> Array:
-            signal = signal_of(charge_e, plain, None) + nuisances.black_DN
-            return np.asarray(self._apply(Stage.READOUT, signal, effects, context), float)
+            return np.asarray(self._apply(Stage.READOUT, unchanged(charge_e), effects, context), float)
 
         def finished(mean: Any) -> Array:
             if not after:
@@ -355,16 +357,28 @@ class Predictor:
         dark_e = plain.pixel.dark_rate_e_per_s * plain.exposure_ms * 1e-3
         e_per_DN = plain.pixel.conversion_gain_e_per_DN / plain.analogue_gain
         behind = [e for e in effects if e.effect.stage is Stage.READOUT]
+        alone = all(e.effect.pointwise for e in behind)
+
+        def of_filters(one: Callable[[Array], Array]) -> Callable[[Array], Array]:
+            return lambda light_e: np.array([one(share * light_e + dark_e) for share in response])
+
         development = Development(
             expected_colour(rig.camera, scale),
             e_per_DN * light_levels(rig.camera, response),
-            lambda light_e: np.array([read(share * light_e + dark_e) for share in response]),
+            of_filters(read),
             finished,
-            all(e.effect.pointwise for e in behind),
+            None if alone else of_filters(unchanged),
             all(e.effect.pointwise for e in after),
             rig.camera.colour.mosaic if self.pixels == 1.0 else None,
         )
-        settings = (repr(behind + after), scale, nuisances.black_DN, response, self._moment(behind + after, context))
+        settings = (
+            repr(behind if alone else []),
+            repr(after),
+            scale,
+            nuisances.black_DN,
+            response,
+            self._moment(behind + after, context),
+        )
         way = self._ways.get((rig.camera, *settings), development.way)
         light_e = charge - dark_e
         if self.pixels > 1.0:

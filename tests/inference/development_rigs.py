@@ -152,6 +152,28 @@ RIGS: Mapping[str, DevelopmentRig] = {
         protocol={"replicates": 6, "led_off": 3, "lens_cap": 3, "checkerboard": 0, "square": 0},
         finer=4,
     ),
+    # Red light and a colour camera.
+    "red": DevelopmentRig(
+        {
+            "plate.size_mm": [90.0, 70.0],
+            "leds.spectrum": "red",
+            "leds.circuit.forward_voltage_V": 2.05,
+            "leds.circuit.efficacy_W_per_A": 1.9,
+            "finger.tip_radius_mm": 8.0,
+            "finger.position_mm": [0.6, 0.4],
+            "camera.resolution_px": [120, 88],
+            "camera.scale_px_per_mm": 6.0,
+            "camera.exposure_ms": 5.0,
+            "camera.analogue_gain": 2.0,
+            "camera.tone_curve": "libcamera",
+            "camera.colour.temperature_K": 3250.0,
+            "camera.lens.defocus_um": 60.0,
+            "press.forces_N": [5.0],
+        },
+        {"modulus": {"relative": 0.15}, "black_level": {"offset_DN": 8.0}, "vignetting": {"k": 0.2}},
+        protocol={"replicates": 8, "led_off": 3, "lens_cap": 3},
+        finer=3,
+    ),
     # Frames proportional to light, for tests that add to them.
     "linear": DevelopmentRig(
         {

@@ -55,7 +55,6 @@ def camera_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
     found.known("camera.exposure_ms", answers.exposure_ms)
     if answers.colour:
         found.known("camera.colour.infrared_cut", not answers.noir, "the camera's filter")
-        found.notes.append("frames in colour are simulated and measured; fit and criticise take grey ones")
     elif answers.noir:
         raise InputError("is given without colour", key="noir", allowed="with colour frames")
     if answers.calibration is not None:

@@ -69,7 +69,7 @@ def criticise_frames(
     Parameters
     ----------
     bundle : Bundle
-        With frames of a monochrome camera.
+        With frames.
     seed : int
         Of the draws of noise and of the bootstrap.
     tell : callable
@@ -328,7 +328,7 @@ def shapes_of(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[list[F
     Parameters
     ----------
     bundle : Bundle
-        With frames of a monochrome camera.
+        With frames.
     tell : callable
     """
     observation, model, gate = _nominal(bundle, tell)
@@ -343,7 +343,7 @@ def nominal_judge(bundle: Bundle, *, tell: Tell = lambda line: None) -> tuple[Ju
     Parameters
     ----------
     bundle : Bundle
-        With frames of a monochrome camera.
+        With frames.
     tell : callable
     """
     observation, model, gate = _nominal(bundle, tell)

@@ -21,7 +21,7 @@ from evanesce.prediction.colour import expected_grey
 from evanesce.prediction.correlation import Correlation, of_fields
 from evanesce.prediction.noise import Noise, noise_of
 from evanesce.prediction.noise_scale import LIT_SHARE, noise_scale_of
-from evanesce.prediction.observe import Observation
+from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.tone import ExpectedTone
 from evanesce.prediction.views import View
 
@@ -161,11 +161,12 @@ def data_vector(observation: Observation, predicted: Array | None = None) -> Dat
     """
     scale, deviation = lit_noise_scale(observation)
     cube = observation.cube
-    tone = expected_grey(observation.scene, scale)
+    pixels = model_factor(observation.believed)
+    tone = expected_grey(observation.believed, scale, pixels=pixels)
     # No floor that counts: what the model may be off by is said by the discretisation below and by the discrepancy.
     noise = noise_of(observation.held, tone, cube.shape[1:], floor_DN=LEAST_SD_DN, flicker=priors.FLICKER)
-    lamp = expected_grey(observation.scene, scale, card=True)
-    noise = replace(noise, lamp=None if lamp is tone else lamp)
+    if observation.believed.camera.colour is not None:
+        noise = replace(noise, lamp=expected_grey(observation.believed, scale, card=True, pixels=pixels))
     frames, card = (np.array([(v.frames, v.is_card) for v in observation.views]).T)[:, :, None, None]
 
     def variance_at(level: Array) -> Array:

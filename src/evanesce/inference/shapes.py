@@ -229,7 +229,7 @@ class FormBank:
     def seen(self) -> Seen:
         """The nominal prediction for laws that change it."""
         nominal = self.nominal
-        tone = expected_grey(self.coarse.scene, self.coarse.noise_scale)
+        tone = expected_grey(self.coarse.scene, self.coarse.pixels * self.coarse.noise_scale)
         rising = np.concatenate([[True], np.diff(tone.mean) > FLAT_DN])
         by_signal = np.interp(nominal, tone.mean[rising], np.gradient(tone.mean, tone.signal)[rising])
         rows, cols = nominal.shape[1:]

@@ -21,7 +21,8 @@ from evanesce.core.states import ContactState, Frame, PlateLight, SensorLight
 from evanesce.effects import Active, Context, Stage, active_effects, all_effects
 from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at, under_lamp
-from evanesce.prediction.colour import Development, expected_colour, light_levels, widened
+from evanesce.prediction.colour_noise import expected_colour
+from evanesce.prediction.development import Development, light_levels, widened
 from evanesce.prediction.plate_light import (
     behind_plate,
     dark,
@@ -335,7 +336,8 @@ class Predictor:
             light = SensorLight(irradiance=sensor.irradiance * float(np.exp(nuisances.log_light)))
         plain = rig.camera.model_copy(update={"colour": None})
         charge = self._apply(Stage.CHARGE, charge_of(light, plain), effects, context)
-        scale = self.noise_scale * float(np.exp(nuisances.log_noise))
+        # Larger pixels are means of real ones, each developed with its own noise.
+        scale = self.pixels * self.noise_scale * float(np.exp(nuisances.log_noise))
         after = [e for e in effects if e.effect.stage is Stage.FRAME]
 
         def unchanged(charge_e: Array) -> Array:

@@ -53,6 +53,8 @@ class ExpectedTone:
         By which values are rounded [DN].
     full_DN : float
         The value of a full pixel [DN].
+    pixels : int
+        Along one of the model camera's.
     """
 
     signal: Array
@@ -62,6 +64,7 @@ class ExpectedTone:
     alike: Array | None = None
     step_DN: float = 1.0
     full_DN: float = 255.0
+    pixels: int = 1
 
     def mean_of(self, signal_DN: Array) -> Array:
         """Return the mean 8-bit value [DN] of mean signals [raw DN]."""
@@ -74,7 +77,7 @@ class ExpectedTone:
     def binned_variance_at(self, level_DN: Array) -> Array:
         """Return the variance of the mean of a bin's pixels [DN^2] where the mean 8-bit value is ``level_DN``."""
         whole = self.variance if self.alike is None else self.variance * self.alike
-        return self._at(level_DN, whole) / BIN_PX**2
+        return self._at(level_DN, whole) / (BIN_PX * self.pixels) ** 2
 
     def _at(self, level_DN: Array, values: Array) -> Array:
         rising = np.concatenate([[True], np.diff(self.mean) > 1e-9])

@@ -147,7 +147,7 @@ def fit_rig(
     Parameters
     ----------
     bundle : Bundle
-        With frames of a monochrome camera.
+        With frames.
     seed : int
         Of the bootstrap.
     tell : callable

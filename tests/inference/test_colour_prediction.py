@@ -20,7 +20,7 @@ from evanesce.inference.calibration.fit import fit_rig
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
 from evanesce.prediction.codecs import Codec
-from evanesce.prediction.colour import area_in, expected_grey, grey_of, require_predictable
+from evanesce.prediction.colour import area_in, expected_grey, grey_of, reading_of, require_predictable
 from evanesce.prediction.fine import FinePredictor
 from evanesce.prediction.observe import Observation, observe
 from evanesce.prediction.predict import Predictor
@@ -247,3 +247,17 @@ def test_a_red_rig_is_calibrated(bundle: Path) -> None:
     assert fitted.gain.area_percent[1] < 0.5 < fitted.gain.area_percent[0]
     stiffer = fitted.figures["modulus:relative"]
     assert stiffer.low < 0.15 < stiffer.high
+
+
+def test_a_threshold_stands_clear_of_ground_and_contact() -> None:
+    """Rationale: over a ground at the usual threshold the whole frame was read as contact, in every press alike."""
+    mono = load_scene("thesis", {"camera.resolution_px": [200, 150], "camera.scale_px_per_mm": 10.0})
+    y, x = np.mgrid[0:150, 0:200]
+    inside = np.hypot(x - 100, y - 75) < 30
+    assert reading_of(np.where(inside, 130.0, 20.0), mono) is None
+    over = np.where(inside, 200.0, 40.0)
+    assert area_in(over, mono) > 200.0
+    reading = reading_of(over, mono)
+    assert reading is not None
+    assert reading.threshold == pytest.approx(120 / 255)
+    assert area_in(over, mono, reading) == pytest.approx(np.pi * 3.0**2, rel=0.03)

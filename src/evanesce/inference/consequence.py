@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.bundle.area import AreaReading
 from evanesce.core.errors import InputError
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
-from evanesce.prediction.colour import area_in
+from evanesce.prediction.colour import area_in, reading_of
 from evanesce.prediction.observe import model_scene
 
 Array = NDArray[Any]
@@ -91,11 +92,29 @@ class AreaReader:
                 chosen.setdefault(view.force_N, k)
         self.places = tuple(chosen[f] for f in sorted(chosen))
         self.forces = tuple(sorted(chosen))
+        self.reading = self._reading()
         self._last: list[tuple[dict[str, float], Array]] = []
 
     def read(self, frame: Array) -> float:
         """Return the area in a frame (rows, cols) of the model camera [mm^2]."""
-        return area_in(frame, self.scene)
+        return area_in(frame, self.scene, self.reading)
+
+    @property
+    def told(self) -> str:
+        """What a reader has to know of the threshold; empty where it is the usual one."""
+        if self.reading is None:
+            return ""
+        usual = AreaReading().threshold
+        return (
+            f"areas are read at a grey level of {self.reading.threshold:.3g} of 1, half-way from ground to contact:"
+            f" {usual:g} of a full pixel's stands not clear of them"
+        )
+
+    def _reading(self) -> AreaReading | None:
+        """Return the reading of the largest contact that was measured; None for the usual one."""
+        if not self.places:
+            return None
+        return reading_of(np.asarray(self.model.observation.images[self.places[-1]], float), self.scene)
 
     def areas(self, point: Mapping[str, float]) -> Array:
         """Return the predicted areas at a point [mm^2], one for each force; the last few are kept."""

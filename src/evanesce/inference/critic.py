@@ -123,6 +123,7 @@ def _criticised(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str])
         model, search, start.gate, best, posterior, named, left, gain, advice, found.left_out, seconds,
         replicates=known, notes=start.notes,
     )  # fmt: skip
+    result["warnings"] += [areas.told] if areas.told else []
     result["codec"] = start.codec or None
     return Criticism(result, scene, pictures_of(model, start.base, best, left))
 

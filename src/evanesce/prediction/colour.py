@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from skimage.filters import threshold_otsu
 
 from evanesce.bundle.area import AreaReading, contact_area
 from evanesce.bundle.bundle import Bundle
@@ -26,6 +27,9 @@ from evanesce.sensor.automatic import LUMA, is_automatic
 from evanesce.sensor.response import Response, card_response, led_response
 
 Array = NDArray[np.float64]
+
+CLEAR_SHARE = 0.15
+"""Of the step from ground to contact, by which a threshold stands clear of either."""
 
 
 def grey_of(frame: NDArray[np.uint8]) -> NDArray[Any]:
@@ -96,6 +100,27 @@ def _grey_tone(camera: Camera, response: Response, scale: float, pixels: int) ->
         black + light, np.maximum.accumulate(mean), variance, black, together / variance,
         step_DN=float(GREY[int(np.argmax(response))]), full_DN=float(np.interp(full, light, mean)), pixels=pixels,
     )  # fmt: skip
+
+
+def reading_of(frame: Array, scene: Scene) -> AreaReading | None:
+    """Return how areas are read where the usual threshold stands not clear of ground and contact; None where it does.
+
+    Half-way between them then, as an eye would pick it from the histogram (Otsu, IEEE Trans. SMC 9:62, 1979, tells
+    one from the other).
+
+    Parameters
+    ----------
+    frame : ndarray (rows, cols)
+        With a contact [DN].
+    scene : Scene
+        Nominal.
+    """
+    cut = threshold_otsu(frame)
+    ground, contact = float(frame[frame <= cut].mean()), float(frame[frame > cut].mean())
+    share = (AreaReading().threshold * expected_grey(scene).full_DN - ground) / (contact - ground)
+    if CLEAR_SHARE < share < 1.0 - CLEAR_SHARE:
+        return None
+    return AreaReading(threshold=0.5 * (ground + contact) / 255.0)
 
 
 def area_in(picture: Array, scene: Scene, reading: AreaReading | None = None) -> float:

@@ -140,7 +140,7 @@ def warnings_of(found: RigFit) -> list[str]:
     for kind, what in (("lens_cap", "dark frame"), ("checkerboard", "picture of the checkerboard")):
         if kind not in kinds:
             warnings.append(f"no {what}: what it would determine has a wider interval or none")
-    return warnings
+    return warnings + ([found.reading] if found.reading else [])
 
 
 def first_line(found: RigFit, count: int, reasons: list[str]) -> str:

@@ -115,6 +115,8 @@ class RigFit:
         Whether frames of a held state say how much the data scatter.
     own_error : mapping of str to OwnError
         By how much the light is off in ways that no figure stands for, by group of views.
+    reading : str
+        How areas are read, where not as usual.
     """
 
     start: Start
@@ -129,6 +131,7 @@ class RigFit:
     seconds: float
     replicates: bool
     own_error: Mapping[str, OwnError]
+    reading: str = ""
 
 
 def fit_rig(
@@ -199,7 +202,7 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     return RigFit(
         start, best, figures, {**missing, **into.left_out}, gain, left, areas, kinds,
         pictures_of(model, start.base, best, left), time.monotonic() - began, model.data.noise.measured,
-        off,
+        off, reader.told,
     )  # fmt: skip
 
 

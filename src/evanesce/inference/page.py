@@ -54,9 +54,10 @@ def residual_figure(pictures: Pictures) -> Figure:
     figure = Figure(figsize=(2.7 * count + 1.0, 3 * 2.7 * rows / cols + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(3, count, squeeze=False)
+    top = max(float(view.measured.max()) for view in pictures.views)
     shade = picture = None
     for column, view in zip(axes.T, pictures.views, strict=True):
-        shade = column[0].imshow(view.measured, cmap="gray", vmin=0, vmax=255)
+        shade = column[0].imshow(view.measured, cmap="gray", vmin=0, vmax=top)
         column[0].set_title(view.title, fontsize=9)
         for panel, residual in zip(column[1:], (view.before, view.after), strict=True):
             picture = panel.imshow(residual, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE, interpolation="nearest")

@@ -14,6 +14,8 @@ from evanesce.inference.page import RANGE, residual_figure
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 MOST_FRAMES = 4
+GAP_SHARE = 0.1
+"""Of the brightest level, at which colours of the difference end."""
 
 
 def page(result: Mapping[str, Any], found: RigFit, name: str, provenance: Mapping[str, Any]) -> Page:
@@ -60,12 +62,15 @@ def frame_figure(areas: Areas) -> Figure:
     figure = Figure(figsize=(2.7 * len(chosen) + 1.0, 3 * 2.7 * rows / cols + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(3, len(chosen), squeeze=False)
+    # Grey of a colour camera under red light ends at a fifth of the scale.
+    top = max(float(areas.images[chosen].max()), float(areas.frames[chosen].max()))
+    gap_top = top * GAP_SHARE
     shade = difference = None
     for column, k in zip(axes.T, chosen, strict=True):
-        shade = column[0].imshow(areas.images[k], cmap="gray", vmin=0, vmax=255)
-        column[1].imshow(areas.frames[k], cmap="gray", vmin=0, vmax=255)
+        shade = column[0].imshow(areas.images[k], cmap="gray", vmin=0, vmax=top)
+        column[1].imshow(areas.frames[k], cmap="gray", vmin=0, vmax=top)
         gap = areas.images[k] - areas.frames[k]
-        difference = column[2].imshow(gap, cmap="RdBu_r", vmin=-20, vmax=20, interpolation="nearest")
+        difference = column[2].imshow(gap, cmap="RdBu_r", vmin=-gap_top, vmax=gap_top, interpolation="nearest")
         held = ", held out" if areas.views[k].locked else ""
         column[0].set_title(f"{areas.views[k].force_N:g} N{held}", fontsize=9)
         for panel in column:

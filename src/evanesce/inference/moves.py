@@ -206,7 +206,11 @@ class Moves(Trials):
             if any(taken == name for taken, _ in self._behind):
                 near = list(place.credible_set)
             else:
-                near = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
+                # Forms of a strong cause are off by its curvature, and the taken one's own is not: the first rival
+                # is always asked.
+                rivals = [n for n in near if n not in (name, UNKNOWN)][:1]
+                close = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
+                near = close + [n for n in rivals if n not in close]
             # What was dropped from beside others does not come back by taking their place.
             gone = {name, UNKNOWN, *self.refused}
             near = [n for n in near if n not in gone and (name, n) not in self._behind]

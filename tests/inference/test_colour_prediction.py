@@ -255,6 +255,8 @@ def test_a_threshold_stands_clear_of_ground_and_contact() -> None:
     y, x = np.mgrid[0:150, 0:200]
     inside = np.hypot(x - 100, y - 75) < 30
     assert reading_of(np.where(inside, 130.0, 20.0), mono) is None
+    assert reading_of(np.full((150, 200), 4.0), mono) is None
+    assert reading_of(np.random.default_rng(0).normal(30.0, 1.0, (150, 200)), mono) is None
     over = np.where(inside, 200.0, 40.0)
     assert area_in(over, mono) > 200.0
     reading = reading_of(over, mono)

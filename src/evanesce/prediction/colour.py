@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 CLEAR_SHARE = 0.15
 """Of the step from ground to contact, by which a threshold stands clear of either."""
+LEAST_STEP = 5.0 / 255.0
+"""From ground to contact, over a full pixel's level, below which no contact is seen: as the first look has it."""
 
 
 def grey_of(frame: NDArray[np.uint8]) -> NDArray[Any]:
@@ -115,9 +117,13 @@ def reading_of(frame: Array, scene: Scene) -> AreaReading | None:
     scene : Scene
         Nominal.
     """
-    cut = threshold_otsu(frame)
-    ground, contact = float(frame[frame <= cut].mean()), float(frame[frame > cut].mean())
-    share = (AreaReading().threshold * expected_grey(scene).full_DN - ground) / (contact - ground)
+    full, bright = expected_grey(scene).full_DN, frame > threshold_otsu(frame)
+    if not bright.any():
+        return None
+    ground, contact = float(frame[~bright].mean()), float(frame[bright].mean())
+    if contact - ground < LEAST_STEP * full:  # noise alone: there is nothing to read
+        return None
+    share = (AreaReading().threshold * full - ground) / (contact - ground)
     if CLEAR_SHARE < share < 1.0 - CLEAR_SHARE:
         return None
     return AreaReading(threshold=0.5 * (ground + contact) / 255.0)

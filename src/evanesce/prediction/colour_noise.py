@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from evanesce.measurement.reference.segment import grey
+from evanesce.measurement.reference.segment import LUMA
 from evanesce.prediction.tone import ExpectedTone, moments
 from evanesce.prediction.views import BIN_PX
 from evanesce.rig import Camera
@@ -26,7 +26,7 @@ from evanesce.sensor.tone import Curve
 
 Array = NDArray[np.float64]
 
-GREY = grey(np.uint8(255) * np.eye(3, dtype=np.uint8)[None])[0]
+GREY = np.array(LUMA) / sum(LUMA)
 """Weights of red, green and blue in the segmentation's grey [1]."""
 
 

@@ -381,7 +381,9 @@ class Predictor:
             response,
             self._moment(behind + after, context),
         )
-        way = self._ways.get((rig.camera, *settings), development.way)
+        # Lens and place of the camera decide where light falls, not what becomes of it.
+        shown = rig.camera.model_dump_json(exclude={"lens", "principal_point_offset_px", "scale_px_per_mm"})
+        way = self._ways.get((shown, *settings), development.way)
         light_e = charge - dark_e
         if self.pixels > 1.0:
             light_e = widened(light_e, rig.camera, response, self.pixels)

@@ -46,7 +46,7 @@ SHOWN: dict[str, dict[str, object]] = {
     "led_dead": {"loss": 1.0, "first": 1, "count": 3},
     "led_droop": {"droop": 0.1},
     "led_edge_reflections": {"relative_radiance": 0.13},
-    "led_imbalance": {"contrast": 0.5, "direction_deg": 20.0},
+    "led_imbalance": {"contrast_x": 0.41, "contrast_y": 0.09},
     "led_spread": {"spread": 0.3},
     "led_warmup": {"warming_K": 30.0},
     "real_contact": {"rms_slope": 1.0},

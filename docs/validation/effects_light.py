@@ -37,7 +37,7 @@ def with_effect(scene: Scene, name: str, time_s: float = 0.0, **values: object) 
 
 CASES: list[tuple[str, dict[str, object], float]] = [
     ("led_dead", {"loss": 1.0, "first": 1, "count": 3}, 0.0),
-    ("led_imbalance", {"contrast": 0.3, "direction_deg": 20.0}, 0.0),
+    ("led_imbalance", {"contrast_x": 0.3}, 0.0),
     ("led_spread", {"spread": 0.1}, 0.0),
     ("supply_sag", {"resistance_ohm_per_mm": 0.0003}, 0.0),
     ("supply_sag", {"resistance_ohm_per_mm": 0.02}, 0.0),

@@ -85,7 +85,7 @@ RIGS: Mapping[str, DevelopmentRig] = {
             "modulus": {"relative": 0.15},
             "lateral_glow": {"share": 0.3, "length_mm": 0.8},
             "black_level": {"offset_DN": 7.0},
-            "led_imbalance": {"contrast": 0.12, "direction_deg": 35.0},
+            "led_imbalance": {"contrast_x": 0.077, "contrast_y": 0.043},
             "vignetting": {"k": 0.12, "exponent": 2.0},
         },
     ),
@@ -131,7 +131,7 @@ RIGS: Mapping[str, DevelopmentRig] = {
         {
             "modulus": {"relative": -0.12},
             "creep": {"per_decade": 0.05},
-            "led_imbalance": {"contrast": 0.15, "direction_deg": -70.0},
+            "led_imbalance": {"contrast_x": 0.05, "contrast_y": -0.1},
             "lateral_glow": {"share": 0.25, "length_mm": 0.6},
             "black_level": {"offset_DN": -6.0},
         },

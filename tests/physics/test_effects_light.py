@@ -49,12 +49,12 @@ def test_dead_leds_are_those_counted_and_the_row_ends_with_the_strip() -> None:
 
 def test_imbalance_is_a_plane_over_the_plate() -> None:
     scene = rig()
-    found = ratio(changed(scene, "led_imbalance", contrast=0.4, direction_deg=-60.0), scene)
-    cos, sin = 0.5, -np.sqrt(3) / 2
-    reach = 50.5 * cos + 31.5 * abs(sin)
+    found = ratio(changed(scene, "led_imbalance", contrast_x=0.3, contrast_y=-0.2), scene)
     at = led_positions(scene.plate, scene.leds)
-    np.testing.assert_allclose(found["right"], 1 + 0.4 * (50.5 * cos + at["right"] * sin) / reach)
-    np.testing.assert_allclose(found["top"], 1 + 0.4 * (at["top"] * cos - 31.5 * sin) / reach)
+    np.testing.assert_allclose(found["right"], 1 + 0.3 - 0.2 * at["right"] / 31.5)
+    np.testing.assert_allclose(found["top"], 1 + 0.3 * at["top"] / 50.5 + 0.2)
+    with pytest.raises(InputError, match=r"effects\.led_imbalance.*below 1"):
+        changed(scene, "led_imbalance", contrast_x=-0.6, contrast_y=0.5)
 
 
 def test_spread_has_mean_one_and_the_stated_width_and_stays() -> None:

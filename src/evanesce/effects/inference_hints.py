@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from evanesce.core.quantities import Quantity
@@ -65,8 +66,27 @@ def _square(value: float) -> float:
     return value * value
 
 
+def _saturated(half: float, value: float) -> float:
+    return value / (1.0 + value / half)
+
+
+def _unsaturated(half: float, coordinate: float) -> float:
+    return coordinate / (1.0 - coordinate / half)
+
+
 def _power_of_ten(logarithm: float) -> float:
     return 10.0**logarithm
+
+
+def saturating(half: float) -> Coordinate:
+    """Return the coordinate of what acts by x / (x + half): by nearly x at first, and by ever less.
+
+    Parameters
+    ----------
+    half : float
+        Where half of all that it can do is done.
+    """
+    return Coordinate(partial(_saturated, half), partial(_unsaturated, half))
 
 
 ITSELF = Coordinate(_itself, _itself)

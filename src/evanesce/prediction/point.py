@@ -86,7 +86,10 @@ def natural(name: str, coordinate: float) -> float:
     """
     effect, colon, parameter = name.partition(":")
     known = all_effects()[effect].coordinates if colon and effect in all_effects() else {}
-    return known[parameter].value(coordinate) if parameter in known else coordinate
+    if parameter not in known:
+        return coordinate
+    # Rounded: what a bound's coordinate stands for may not lie beyond the bound by its last digit.
+    return float(f"{known[parameter].value(coordinate):.14g}")
 
 
 def scene_with(scene: Scene, point: Point, fixed: Mapping[str, Mapping[str, Any]] | None = None) -> Scene:

@@ -161,9 +161,9 @@ class Predictor:
         together = present()
         if together is None:
             return lambda: work(self, point, list(wanted))
-        parts = [[k for k in wanted if k in part] for part in shares(self.views, together.count)]
-        asked = [(place, part) for place, part in enumerate(parts) if part]
-        tasks, places = [(dict(point), part) for _, part in asked], [place for place, _ in asked]
+        parts = shares(self.views, together.count)
+        asked = [(place, k) for place, part in enumerate(parts) for k in part if k in wanted]
+        tasks, places = [(dict(point), [k]) for _, k in asked], [place for place, _ in asked]
         batch = together.begin(self.recipe, self.fixed, work, tasks, places)
 
         def finished() -> dict[int, Array]:

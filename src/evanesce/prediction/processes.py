@@ -1,7 +1,9 @@
 """Predictions by several processes: views of one point, or derivatives by many parameters.
 
 What a view needs of a rig (its contact, the plate's light) is kept by the process that made it. Views of a point go to
-the process that has always had them, so that a fit asks for each where the last point's is known.
+the process that has always had them, so that a fit asks for each where the last point's is known; a process that has
+done its own takes over the others' last ones, as how long a view takes depends on the point (a contact that creeps is
+another one at each time).
 """
 
 from __future__ import annotations
@@ -69,7 +71,8 @@ class Batch:
     tasks : sequence of tuple
         Arguments.
     places : sequence of int, optional
-        Which process each task goes to; by default the first that is free.
+        Which process each task is meant for: one that has done its own does the others' last ones. By default the
+        first that is free.
     """
 
     def __init__(
@@ -84,9 +87,9 @@ class Batch:
     ) -> None:
         self._ends, self._known, self._recipe, self._fixed, self._work = ends, known, recipe, fixed, work
         self._tasks = tasks
-        shared = deque(range(len(tasks))) if places is None else deque()
+        shared = deque(range(len(tasks)))
         own = [deque(k for k, at in enumerate(places or ()) if at == place) for place in range(len(ends))]
-        self._left = [shared if places is None else own[place] for place in range(len(ends))]
+        self._left = [shared] * len(ends) if places is None else own
         self._found: list[Any] = [None] * len(tasks)
         self._open = [0] * len(ends)
         for _ in range(AHEAD):
@@ -94,9 +97,10 @@ class Batch:
                 self._send(place)
 
     def _send(self, place: int) -> None:
-        if not self._left[place]:
+        own, longest = self._left[place], max(self._left, key=len)
+        if not longest:
             return
-        task, number = self._left[place].popleft(), self._recipe.number
+        task, number = own.popleft() if own else longest.pop(), self._recipe.number
         recipe = None if number in self._known[place] else self._recipe
         _used(self._known[place], number, None)
         self._open[place] += 1

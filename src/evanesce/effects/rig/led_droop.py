@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evanesce.core.quantities import Strict, field
+from evanesce.effects.inference_hints import saturating
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
 
@@ -51,6 +52,8 @@ EFFECT = Effect(
     apply=apply,
     # Good LEDs have 0.1, poor ones twice that; the best current is certain to a factor of two.
     fitted={"droop": 0.1, "peak_current_mA": 2.0},
+    # Light goes as 1/(1 + d (s + 1/s)), and s + 1/s is about 4 at the currents of the thesis's strips.
+    coordinates={"droop": saturating(0.25)},
     needs=("press", "voltage"),
     scaling="all light by one factor that bends with voltage, 1 at the rated one",
 )

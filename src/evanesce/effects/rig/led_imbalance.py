@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.optics.led import led_positions, scale_leds
@@ -11,20 +10,22 @@ from evanesce.rig import Scene
 
 
 class Parameters(Strict):
-    """Contrast, and direction of the brighter side."""
+    """Contrast from side to side along each axis of the plate."""
 
-    contrast: float = field(
+    contrast_x: float = field(
         0.0,
         unit="1",
         bounds=(-0.95, 0.95),
         null=0.0,
-        doc="(brightest - dimmest)/(their sum), if LEDs sat on the plate's two extreme corners of that direction",
+        doc="(right edge - left edge)/(their sum); with contrast_y below 1, signs aside",
     )
-    direction_deg: float = field(0.0, unit="deg", bounds=(-180.0, 180.0), doc="brighter side, from +x towards +y")
+    contrast_y: float = field(
+        0.0, unit="1", bounds=(-0.95, 0.95), null=0.0, doc="(bottom edge - top edge)/(their sum): y points down"
+    )
 
 
 def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
-    """Multiply each LED's power by 1 + contrast (x cos + y sin)/reach, reach the corners' largest x cos + y sin.
+    """Multiply each LED's power by 1 + contrast_x x / (width / 2) + contrast_y y / (height / 2).
 
     Parameters
     ----------
@@ -35,21 +36,29 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
     Returns
     -------
     Scene
+
+    Raises
+    ------
+    InputError
+        If an LED in a corner would have no power.
     """
-    if parameters.contrast == 0.0:
+    along_x, along_y = parameters.contrast_x, parameters.contrast_y
+    if not along_x and not along_y:
         return scene
+    if (most := abs(along_x) + abs(along_y)) >= 1.0:
+        raise InputError(
+            f"contrast_x and contrast_y add to {most:g}, signs aside", key="effects.led_imbalance", allowed="below 1"
+        )
     half_x, half_y = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2
-    angle = math.radians(parameters.direction_deg)
-    cos, sin = math.cos(angle), math.sin(angle)
-    reach = half_x * abs(cos) + half_y * abs(sin)
     factors = {}
     for edge, along in led_positions(scene.plate, scene.leds).items():
         match edge:
             case "left" | "right":
-                place = (half_x if edge == "right" else -half_x) * cos + along * sin
+                side = along_x if edge == "right" else -along_x
+                factors[edge] = 1.0 + side + along_y * along / half_y
             case _:
-                place = along * cos + (half_y if edge == "bottom" else -half_y) * sin
-        factors[edge] = 1.0 + parameters.contrast * place / reach
+                side = along_y if edge == "bottom" else -along_y
+                factors[edge] = 1.0 + side + along_x * along / half_x
     return scene.model_copy(update={"leds": scale_leds(scene.plate, scene.leds, factors)})
 
 
@@ -57,11 +66,10 @@ EFFECT = Effect(
     id="led_imbalance",
     stage=Stage.RIG,
     parameters=Parameters,
-    amplitudes=("contrast",),
+    amplitudes=("contrast_x", "contrast_y"),
     apply=apply,
-    # Assumed: twice the width of a flux bin.
-    fitted={"contrast": 0.2, "direction_deg": 60.0},
+    null_when="all",
+    # Assumed: one and a half times the width of a flux bin, along either axis.
+    fitted={"contrast_x": 0.15, "contrast_y": 0.15},
     scaling="follows LED power: a slope over the contact, the same share at every voltage",
-    # Directions have no derivative without a contrast. A start is entered forwards only, so all sides are tried.
-    start={"contrast": (0.2,), "direction_deg": (0.0, 45.0, 90.0, 135.0, 180.0, -135.0, -90.0, -45.0)},
 )

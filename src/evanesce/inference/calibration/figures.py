@@ -56,9 +56,7 @@ FIGURES: Mapping[str, Figure] = {
     "led_droop": Figure(("droop",), "efficiency droop of the LEDs"),
     "supply_sag": Figure(("resistance_ohm_per_mm",), "resistance of the strips' rails"),
     "led_spill": Figure(("share",), "light above the plate"),
-    "led_imbalance": Figure(
-        ("contrast", "direction_deg"), "one side brighter", {"contrast": 0.03, "direction_deg": 30.0}
-    ),
+    "led_imbalance": Figure(("contrast_x", "contrast_y"), "one side brighter"),
     "glass_absorption": Figure(("absorption_per_mm",), "absorption of the plate"),
     "led_air_gap": Figure(("share",), "air film before the LEDs"),
     "plate_haze": Figure(("top_share", "bottom_share"), "haze on the plate's faces"),

@@ -17,7 +17,10 @@ from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
+from evanesce.effects import all_effects
+from evanesce.effects.inference_hints import saturating
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
+from evanesce.prediction.point import natural
 from evanesce.inference.joint import Fitter, taken_from
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.judge import Judge
@@ -809,3 +812,10 @@ def test_removal_and_loss_are_what_a_refit_says():
     fitted = fitter.relinearised([taken_from(entry)], base.point)
     assert base.misfit - fitted.misfit == pytest.approx(expected.removed, rel=1e-6)
     assert loss_of(fitted, "a") == pytest.approx(expected.removed, rel=1e-6)
+
+
+@pytest.mark.parametrize("droop", [0.0, 0.1, 1.0])
+def test_droop_comes_back_from_its_coordinate_within_its_bounds(droop):
+    found = natural("led_droop:droop", saturating(0.25).of(droop))
+    assert found == pytest.approx(droop, rel=1e-12)
+    all_effects()["led_droop"].with_values({"droop": found})

@@ -12,15 +12,14 @@ import pytest
 from scipy import linalg, ndimage, optimize
 
 from evanesce.core.errors import InputError
+from evanesce.effects import all_effects
+from evanesce.effects.inference_hints import saturating
 from evanesce.inference.answer import verdict_of
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
 from evanesce.inference.explained import Scan
-from evanesce.effects import all_effects
-from evanesce.effects.inference_hints import saturating
 from evanesce.inference.gauss_newton import Prior, Slopes, bounded_step, broyden, fit
-from evanesce.prediction.point import natural
 from evanesce.inference.joint import Fitter, taken_from
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.judge import Judge
@@ -37,6 +36,7 @@ from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.noise import Noise
 from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.point import natural
 from evanesce.prediction.views import View
 
 SHAPE = (20, 28)

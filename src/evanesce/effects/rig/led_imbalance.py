@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from numpy.typing import NDArray
+
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict, field
 from evanesce.effects.protocol import Context, Effect, Stage
@@ -50,7 +54,7 @@ def apply(scene: Scene, parameters: Parameters, context: Context) -> Scene:
             f"contrast_x and contrast_y add to {most:g}, signs aside", key="effects.led_imbalance", allowed="below 1"
         )
     half_x, half_y = scene.plate.size_mm[0] / 2, scene.plate.size_mm[1] / 2
-    factors = {}
+    factors: dict[str, NDArray[Any]] = {}
     for edge, along in led_positions(scene.plate, scene.leds).items():
         match edge:
             case "left" | "right":

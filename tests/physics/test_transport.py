@@ -11,15 +11,16 @@ from numpy.polynomial.legendre import leggauss
 
 from evanesce.contact.solve import contact_state
 from evanesce.optics.edge_rays import EdgeLight, led_count
-from evanesce.optics.flank.escape import escaping_irradiance, exit_slope
+from evanesce.optics.flank.escape import GRAZING, escaping_irradiance, exit_slope
 from evanesce.optics.flank.irradiance import (
     contact_on_flank,
     flank_irradiance,
+    flank_sums,
     mirrored_exchange,
     sampled_irradiance,
 )
 from evanesce.optics.flank.surface import FingerSurface
-from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance
+from evanesce.optics.guided_field import azimuthal_radiance, edge_radiance, exchange_sums
 from evanesce.optics.interface import fresnel_reflectance, frustrated_transmittance
 from evanesce.optics.patch_light import (
     Interface,
@@ -29,6 +30,7 @@ from evanesce.optics.patch_light import (
     transmitted_irradiance_kernel,
     window_transmittance,
 )
+from evanesce.optics.path_sums import in_plate
 from evanesce.optics.projection import Projection
 from evanesce.render.fast import rig_fields, rig_optics, transport
 from evanesce.render.fast.feedback import CoarseGrid, coarse_mean
@@ -336,23 +338,58 @@ def test_flank_light_by_images_is_that_of_rays(polish: float) -> None:
     points = np.array([[6.0, -3.0, 4.0], [-11.0, 5.0, 1.3]])
     normals = np.array([[-0.76, -0.24, -0.6], [-0.8, -0.6, 0.0]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    led, edge = escaping_irradiance(light, points, normals, per_edge=12)
+    (led, *_), (edge, *_) = escaping_irradiance(light, points, normals, per_edge=12)
     if polish:
         more = sampled_irradiance(light, points, normals, samples=1 << 16, per_edge=12, mirrorings=1)
-        led, edge = led + more[0], edge + more[1]
-    seen_led, seen_edge = sampled_irradiance(light, points, normals, samples=1 << 16, per_edge=12)
+        led, edge = led + more[0][0], edge + more[1][0]
+    (seen_led, *_), (seen_edge, *_) = sampled_irradiance(light, points, normals, samples=1 << 16, per_edge=12)
     # some thousands of the ways hit LEDs, and nearly all the edges
     np.testing.assert_allclose(led.sum(axis=0), seen_led.sum(axis=0), rtol=0.04)
     np.testing.assert_allclose(edge.sum(axis=0), seen_edge.sum(axis=0), rtol=0.01)
 
 
 def test_ways_out_obey_snell() -> None:
+    """From grazing paths to upright ones, for points a nanometre above the glass and far above it."""
     rng = np.random.default_rng(8)
-    run, drop, height = rng.uniform(0.1, 90.0, (3, 500)) * np.array([[1.0], [0.9], [0.15]])
+    run, height = 10.0 ** rng.uniform(-2.0, 2.3, 5000), 10.0 ** rng.uniform(-6.0, 1.3, 5000)
+    drop = rng.integers(0, 30, 5000) * 3.0
     slope = exit_slope(run, drop, height, 1.523)
+    seen = slope < GRAZING
     sine = slope / np.hypot(1.0, slope)
     there = drop * np.tan(np.arcsin(sine / 1.523)) + height * slope
-    np.testing.assert_allclose(there, run, rtol=1e-9)
+    assert seen.mean() > 0.9
+    np.testing.assert_allclose(there[seen], run[seen], rtol=1e-9)
+    # what is flatter than that has not come so far yet
+    assert (there[~seen] < run[~seen]).all()
+
+
+@pytest.mark.parametrize(("polish", "absorption"), [(0.0, 0.0045), (0.5, 0.0009)])
+def test_sums_over_paths_give_the_light_of_other_plates(polish: float, absorption: float) -> None:
+    """Other absorption and air films than sums were made for, with edges that mirror or not: as for that plate."""
+    light = invisible_plate(
+        refractive_index=1.523,
+        absorption_coefficient=absorption,
+        air_gap_share=0.4,
+        edge_polish=polish,
+        positions={"left": np.array([-9.0, 4.0]), "top": np.array([2.5])},
+        radiances={"left": np.ones(2), "top": np.ones(1)},
+    )
+    points, normals = np.array([[6.0, -3.0, 4.0], [-11.0, 5.0, 1.3]]), np.array([[-0.8, 0.0, -0.6], [-0.8, -0.6, 0.0]])
+
+    def sums_of(plate: EdgeLight) -> list[np.ndarray]:
+        return [
+            *flank_sums(plate, points, normals, per_edge=12, samples=1024),
+            *exchange_sums(plate, per_edge=12, rays=1024),
+        ]
+
+    made: list[EdgeLight] = []
+    found = in_plate(light, lambda plate: made.append(plate) or sums_of(plate))
+    assert {(plate.absorption_coefficient, plate.air_gap_share) for plate in made} == {(0.0, 0.0), (0.0, 1.0)}
+    other = in_plate(dataclasses.replace(light, absorption_coefficient=0.0), sums_of)
+    for part, without, (whole, *_) in zip(found, other, sums_of(light), strict=True):
+        assert abs(without.sum() / whole.sum() - 1) > 0.005
+        np.testing.assert_allclose(part.sum(), whole.sum(), rtol=5e-4)
+        np.testing.assert_allclose(part, whole, atol=1e-3 * whole.max())
 
 
 def _edges_form_factor(light: EdgeLight, p: np.ndarray, n: np.ndarray) -> float:
@@ -405,7 +442,7 @@ def test_another_voltage_computes_nothing_anew(scene: Scene, fields: Fields, mon
     def never(*_: object) -> None:
         raise AssertionError("computed anew")
 
-    for name in ("compute_unit_light", "compute_rig_fields"):
+    for name in ("compute_unit_sums", "compute_rig_fields"):
         monkeypatch.setattr(rig_fields, name, never)
     monkeypatch.setattr("evanesce.render.fast.fields._tables", never)
     dimmer = small_rig(leds__voltage_V=8.7, leds__edge={"top": {"offset_mm": 1.7, "voltage_V": 9.0}})
@@ -432,22 +469,27 @@ def test_disk_gives_back_the_same_bytes_and_refuses_damaged_files(
 ) -> None:
     light = rig_fields.unit_light(scene)
     monkeypatch.setenv("EVANESCE_CACHE", str(tmp_path))
-    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: light)
+    sums = rig_fields.compute_unit_sums(
+        scene, dataclasses.replace(rig_optics.edge_light(scene), absorption_coefficient=0.0)
+    )
+    monkeypatch.setattr(rig_fields, "compute_unit_sums", lambda *_: sums)
+
+    def same(other: rig_fields.UnitLight) -> bool:
+        names = rig_fields.UnitLight.__dataclass_fields__
+        return all(getattr(other, name).tobytes() == getattr(light, name).tobytes() for name in names)
+
     forget()
-    assert rig_fields.unit_light(scene) is light
+    assert same(rig_fields.unit_light(scene))
     (file,) = (tmp_path / "fields").iterdir()
-    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: pytest.fail("not read from disk"))
+    monkeypatch.setattr(rig_fields, "compute_unit_sums", lambda *_: pytest.fail("not read from disk"))
     forget()
-    again = rig_fields.unit_light(scene)
-    assert again is not light
-    for name in rig_fields.UnitLight.__dataclass_fields__:
-        assert getattr(again, name).tobytes() == getattr(light, name).tobytes()
+    assert same(rig_fields.unit_light(scene))
     made = []
-    monkeypatch.setattr(rig_fields, "compute_unit_light", lambda _: made.append(1) or light)
+    monkeypatch.setattr(rig_fields, "compute_unit_sums", lambda *_: made.append(1) or sums)
     for damaged in (b"", b"PK\x03\x04 half a file", file.read_bytes()[:-1000]):
         file.write_bytes(damaged)
         forget()
-        assert rig_fields.unit_light(scene) is light
+        assert same(rig_fields.unit_light(scene))
     assert len(made) == 3
     forget()
 

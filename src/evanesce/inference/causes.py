@@ -29,7 +29,7 @@ class Cause:
     ----------
     candidate : Candidate
     costly : bool
-        Whether it changes the guided light of the plate, of which each evaluation takes seconds: it then enters
+        Whether it changes the paths of light in the plate, of which each evaluation takes seconds: it then enters
         linearly, along the change that its prior deviation makes.
     """
 
@@ -128,7 +128,10 @@ def causes_of(observation: Observation, exclude: Collection[str] = ()) -> tuple[
 
 
 def changes_plate_light(scene: Scene, candidate: Candidate) -> bool:
-    """Return whether a candidate changes what the plate's guided light depends on beside the LEDs' powers."""
+    """Return whether a candidate changes what sums over the plate's paths depend on: they take seconds to make anew.
+
+    They serve all absorption coefficients and shares of LEDs behind an air film, and the LEDs' powers.
+    """
     if candidate.effect.stage is not Stage.RIG:
         return False
     point = dict(candidate.starts[0]) if candidate.starts else {p.name: p.null + p.step for p in candidate.parameters}
@@ -139,11 +142,8 @@ def changes_plate_light(scene: Scene, candidate: Candidate) -> bool:
         return False
 
     def guide(of: Scene) -> tuple[object, ...]:
-        finger, leds = of.finger, of.leds
-        return (
-            repr(of.plate), leds.air_gap_share, leds.emitting_width_mm, leds.emitting_height_mm,
-            finger.refractive_index, finger.diffuse_reflectance,
-        )  # fmt: skip
+        plate = of.plate.model_copy(update={"absorption_coefficient_per_mm": 0.0})
+        return repr(plate), of.leds.emitting_width_mm, of.leds.emitting_height_mm, of.finger.refractive_index
 
     return guide(rig) != guide(scene)
 

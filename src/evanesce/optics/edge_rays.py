@@ -64,7 +64,7 @@ class EdgeLight:
 class EdgeHits:
     """Where straight unfolded rays end: edge number, coordinate along it, depth below the top face, attenuation.
 
-    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends downwards.
+    ``cosine`` is that to the edge's normal, ``down`` whether the ray ends downwards, ``length`` that of the way [mm].
     """
 
     edge: NDArray[np.int64]
@@ -73,6 +73,7 @@ class EdgeHits:
     transmission: Array
     cosine: Array
     down: NDArray[np.bool_]
+    length: Array
 
 
 def _cast(
@@ -97,11 +98,15 @@ def _cast(
     folded = np.mod(np.abs(unfolded), 2 * t)
     end_depth = np.where(folded > t, 2 * t - folded, folded)
     reflectance = fresnel_reflectance(np.cos(theta), light.refractive_index, 1.0)
-    transmission = reflectance**bounces * np.exp(-light.absorption_coefficient * run / np.sin(theta))
-    cosine = np.sin(theta) * np.abs(np.where(hits_x, cos_phi, sin_phi))
+    sin_theta = np.sin(theta)
+    length = run / sin_theta
+    transmission = reflectance**bounces
+    if light.absorption_coefficient > 0.0:
+        transmission *= np.exp(-light.absorption_coefficient * length)
+    cosine = sin_theta * np.abs(np.where(hits_x, cos_phi, sin_phi))
     # A ray that started upwards and ends before the top face still goes up.
     end_down = (unfolded >= 0) & (folded <= t)
-    return EdgeHits(edge, along, end_depth, transmission, cosine, end_down)
+    return EdgeHits(edge, along, end_depth, transmission, cosine, end_down, length)
 
 
 def _mirror(light: EdgeLight, hits: EdgeHits, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
@@ -189,7 +194,7 @@ def _led_met(light: EdgeLight, hits: EdgeHits) -> NDArray[np.int64]:
 class Arrival:
     """Rays at the edge where they end or are mirrored: what each carries of an LED's radiance and of the edge's own.
 
-    ``share`` is what is left of each ray when it arrives.
+    ``share`` is what is left of each ray when it arrives, ``length`` its whole way in the glass [mm].
     """
 
     hits: EdgeHits
@@ -197,6 +202,7 @@ class Arrival:
     share: Array
     led_share: Array
     edge_share: Array
+    length: Array
 
 
 def arrivals(
@@ -220,12 +226,15 @@ def arrivals(
         At the first edge, then at each further one while any polish is left to mirror.
     """
     weight = np.ones(np.broadcast(x, theta, phi).shape)
+    length: Array = np.zeros(1)
     for _ in range(MAX_MIRRORINGS):
         hits = _cast(light, x, y, depth, theta, phi, down)
+        length = length + hits.length
         led = _led_met(light, hits)
         arriving = weight * hits.transmission
         polish = np.where(led >= 0, 0.0, light.edge_polish)
-        yield Arrival(hits, led, arriving, arriving * radiance_entering(light, hits.cosine), arriving * (1.0 - polish))
+        entering = arriving * radiance_entering(light, hits.cosine)
+        yield Arrival(hits, led, arriving, entering, arriving * (1.0 - polish), length)
         if light.edge_polish == 0.0:
             return
         mirrored = fresnel_reflectance(np.clip(hits.cosine, 0.0, 1.0), light.refractive_index, 1.0)

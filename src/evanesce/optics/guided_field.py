@@ -27,6 +27,7 @@ from evanesce.optics.edge_rays import (
     segments_of,
     stacked_radiances,
 )
+from evanesce.optics.path_sums import MOMENTS, add_paths
 
 Array = NDArray[np.float64]
 
@@ -52,23 +53,42 @@ def edge_exchange(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> 
 
     Parameters
     ----------
+    light, per_edge, rays
+        As for :func:`exchange_sums`.
+    """
+    from_led, from_edge = exchange_sums(light, per_edge=per_edge, rays=rays)
+    return EdgeExchange(from_led[0], from_edge[0])
+
+
+def exchange_sums(light: EdgeLight, *, per_edge: int = 24, rays: int = 4096) -> tuple[Array, Array]:
+    """Return what the edges receive over the empty plate, summed by paths (:mod:`evanesce.optics.path_sums`).
+
+    Parameters
+    ----------
     light : EdgeLight
         Its radiances do not count.
     per_edge : int
         Segments of each edge.
     rays : int
         Quasi-random rays from each segment.
+
+    Returns
+    -------
+    from_led : ndarray (moments, segments, leds)
+        From the LEDs, per radiance of each [sr].
+    from_edge : ndarray (moments, segments, segments)
+        From each other, per diffuse radiance of each [sr].
     """
     segments = 4 * per_edge
     start, step = segments_of(light, per_edge)
-    from_edge = np.zeros((segments, segments))
+    from_edge = np.zeros((MOMENTS, segments, segments))
     for row, sample in enumerate(_shifted(rays, segments, 20240611)):
         number, part = divmod(row, per_edge)
         along = start[number] + (part + sample[:, 3]) * step[number]
         for met in _from_edge(light, number, along, sample[:, 2] * light.thickness, sample[:, :2]):
             segment = segment_of(light, met.hits, per_edge)
-            from_edge[row] += np.bincount(segment, met.edge_share, segments) * (np.pi / rays)
-    return EdgeExchange(_from_leds(light, per_edge, rays), from_edge)
+            add_paths(from_edge[:, row], segment, met.edge_share * (np.pi / rays), met.length)
+    return _from_leds(light, per_edge, rays), from_edge
 
 
 def _shifted(rays: int, count: int, seed: int) -> Iterator[Array]:
@@ -92,12 +112,12 @@ def _from_edge(light: EdgeLight, number: int, along: Array, depth: Array, u: Arr
 
 
 def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
-    """Return :attr:`EdgeExchange.from_led`: rays from each LED, all of which arrive at an edge."""
+    """Return what segments receive from LEDs, (moments, segments, leds): rays from each, all of which arrive."""
     segments = 4 * per_edge
     width, height = light.emitter_size
     _, step = segments_of(light, per_edge)
     area = np.repeat(step, per_edge) * light.thickness
-    found = np.zeros((segments, led_count(light)))
+    found = np.zeros((MOMENTS, segments, led_count(light)))
     samples = _shifted(rays, led_count(light), 20240613)
     led = 0
     for number, name in enumerate(EDGES):
@@ -108,7 +128,7 @@ def _from_leds(light: EdgeLight, per_edge: int, rays: int) -> Array:
             entering = radiance_entering(light, np.sqrt(1 - sample[:, 0]))
             for met in _from_edge(light, number, along, depth, sample[:, :2]):
                 segment = segment_of(light, met.hits, per_edge)
-                found[:, led] += np.bincount(segment, met.share * entering, segments)
+                add_paths(found[:, :, led], segment, met.share * entering, met.length)
             led += 1
     return np.asarray(found * (np.pi * width * height / rays) / area[:, None])
 

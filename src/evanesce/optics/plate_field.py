@@ -13,8 +13,9 @@ from scipy.stats import qmc
 
 from evanesce.core.quadrature import gauss_legendre
 from evanesce.optics.edge_rays import EDGES, EdgeLight, arrivals, led_count, radiance_entering, segment_of
-from evanesce.optics.guided_field import EdgeExchange, edge_exchange, edge_response
+from evanesce.optics.guided_field import EdgeExchange, edge_response, exchange_sums
 from evanesce.optics.interface import fresnel_reflectance
+from evanesce.optics.path_sums import MOMENTS, add_paths
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def segment_areas(light: EdgeLight, per_edge: int) -> Array:
 
 
 def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: int = 4, down: int = 8) -> Array:
-    """Return ``led`` of :class:`UnitFields` for light that no edge has mirrored.
+    """Return light of the LEDs that no edge has mirrored, (moments, leds, points, bins).
 
     Reflected in the plate's faces an LED at depth d becomes a column of images at depths 2 j t + d and 2 j t - d; the
     integral over each image's face is smooth and takes few nodes (``across`` by ``down``).
@@ -133,7 +134,7 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
     inside = t / 2 + ud * height / 2
     drop = np.stack([2 * j * t + inside, 2 * (j + 1) * t - inside]).reshape(-1)
     drop_weight = np.tile(wd * height / 2, 2 * images)
-    found = np.zeros((leds, points.shape[0], bins.count))
+    found = np.zeros((MOMENTS, leds, points.shape[0] * bins.count))
     target = np.arange(points.shape[0])[:, None] * bins.count
     led = 0
     for number, name in enumerate(EDGES):
@@ -144,31 +145,32 @@ def _direct_fields(light: EdgeLight, points: Array, bins: AngleBins, *, across: 
                 normal = np.abs(points[:, 0 if on_x else 1] - wall)
                 run2 = normal**2 + (points[:, 1 if on_x else 0] - along) ** 2
                 length2 = run2[:, None] + drop**2
-                cosine, cos_led = drop / np.sqrt(length2), normal[:, None] / np.sqrt(length2)
+                length = np.sqrt(length2)
+                cosine, cos_led = drop / length, normal[:, None] / length
                 s = 1.0 - cosine**2
                 bounces = np.floor(drop / t)
                 share = fresnel_reflectance(cosine, n, 1.0) ** bounces
-                share *= np.exp(-light.absorption_coefficient * np.sqrt(length2)) * radiance_entering(light, cos_led)
+                share *= np.exp(-light.absorption_coefficient * length) * radiance_entering(light, cos_led)
                 value = share * cosine * cos_led / length2 * drop_weight * weight
                 index = np.searchsorted(bins.borders, s) - 1
                 value[index >= bins.count] = 0.0
                 flat = (target + np.clip(index, 0, bins.count - 1)).ravel()
-                found[led] += np.bincount(flat, value.ravel(), found[led].size).reshape(found[led].shape)
+                add_paths(found[:, led], flat, value.ravel(), length.ravel())
             led += 1
-    return found
+    return found.reshape(MOMENTS, leds, points.shape[0], bins.count)
 
 
 def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, per_edge: int) -> tuple[Array, Array]:
-    """Return ``led`` and ``edge`` of :class:`UnitFields` by quasi-random rays from each point.
+    """Return light of LEDs and edges at points by quasi-random rays from each, (moments, sources, points, bins).
 
     Each point has the same Sobol points shifted by its own offset, so that neighbours' errors are independent and a
     smooth fit takes them out. Steep light is dim far from the edges and gets an eighth of the rays.
     """
     leds, segments, count = led_count(light), 4 * per_edge, bins.count
-    found = np.zeros((leds + 1, points.shape[0], count)), np.zeros((segments, points.shape[0], count))
+    found = [np.zeros((MOMENTS, sources, points.shape[0], count)) for sources in (leds + 1, segments)]
     # Through an air film light enters within the critical angle only: a steep edge within an image's face.
     finer = 2 if light.air_gap_share > 0.0 else 1
-    found[0][1:] = _direct_fields(light, points, bins, across=4 * finer, down=8 * finer)
+    found[0][:, 1:] = _direct_fields(light, points, bins, across=4 * finer, down=8 * finer)
     offset = qmc.Halton(2, scramble=True, rng=np.random.default_rng(7)).random(points.shape[0])
     edges_of_part = (0, bins.critical, count)
     for first, last, number in zip(edges_of_part[:-1], edges_of_part[1:], (rays // 8, rays), strict=True):
@@ -182,7 +184,7 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
             u = np.mod(sample[None, :, :] + offset[which][:, None, :], 1.0)
             s, phi = low + (high - low) * u[..., 0], 2 * np.pi * u[..., 1]
             theta = np.arcsin(np.sqrt(np.clip(s, 1e-12, 1.0 - 1e-12)))
-            target = which[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
+            target = (which - start)[:, None] * count + np.clip(np.searchsorted(bins.borders, s) - 1, first, last - 1)
             zero = np.zeros_like(s)
             x, y = points[which, 0][:, None] + zero, points[which, 1][:, None] + zero
             weight = np.pi * (high - low) / number
@@ -193,15 +195,38 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
                 if mirrorings > 0:
                     parts.append((found[0], met.led + 1, met.led_share))
                 for into, source, share in parts:
-                    flat = (source * (points.shape[0] * count) + target).ravel()
-                    into += np.bincount(flat, share.ravel() * weight, into.size).reshape(into.shape)
-    return found[0][1:], found[1]
+                    flat = (source * (which.size * count) + target).ravel()
+                    here = np.zeros((MOMENTS, into.shape[1] * which.size * count))
+                    add_paths(here, flat, share.ravel() * weight, met.length.ravel())
+                    into[:, :, which] += here.reshape(MOMENTS, into.shape[1], which.size, count)
+    return found[0][:, 1:], found[1]
 
 
 def unit_fields(
     light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 14, per_edge: int = 48
 ) -> UnitFields:
     """Compute the unit fields of a plate.
+
+    Parameters
+    ----------
+    light, points, bins, rays, per_edge
+        As for :func:`unit_sums`.
+    """
+    sums = unit_sums(light, points, bins, rays=rays, per_edge=per_edge)
+    return fields_of_sums(light, *(part[0] for part in sums), per_edge=per_edge)
+
+
+def fields_of_sums(
+    light: EdgeLight, led: Array, edge: Array, from_led: Array, from_edge: Array, *, per_edge: int = 48
+) -> UnitFields:
+    """Return unit fields of their parts, in the order of :func:`unit_sums`."""
+    return UnitFields(led, edge, EdgeExchange(from_led, from_edge), segment_areas(light, per_edge))
+
+
+def unit_sums(
+    light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 14, per_edge: int = 48
+) -> tuple[Array, Array, Array, Array]:
+    """Compute what LEDs and edges send, summed by paths (:mod:`evanesce.optics.path_sums`).
 
     Parameters
     ----------
@@ -214,7 +239,13 @@ def unit_fields(
         From each point into guided angles, a power of two.
     per_edge : int
         Segments of each edge.
+
+    Returns
+    -------
+    led, edge : ndarray (moments, sources, points, bins)
+        As of :class:`UnitFields`.
+    from_led, from_edge : ndarray (moments, segments, sources)
+        As of :class:`~evanesce.optics.guided_field.EdgeExchange`.
     """
-    exchange = edge_exchange(light, per_edge=per_edge, rays=rays // 4)
-    led, edge = _points_fields(light, points, bins, rays, per_edge)
-    return UnitFields(led, edge, exchange, segment_areas(light, per_edge))
+    exchange = exchange_sums(light, per_edge=per_edge, rays=rays // 4)
+    return *_points_fields(light, points, bins, rays, per_edge), *exchange

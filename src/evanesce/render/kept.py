@@ -11,10 +11,10 @@ import numpy as np
 T = TypeVar("T")
 
 LIMITS = {
-    "unit": 4, "rig": 8, "tables": 16, "subsurface": 16, "inside reflectance": 4, "inside at knots": 4, "entering": 4,
-    "spread": 8, "fields": 32, "maps": 4, "rays": 4, "flank": 32, "contact radiance": 8, "plate unit light": 4,
-    "plate points": 4, "contact radiance seen": 4, "flank surroundings": 96, "flank exchange": 48, "surroundings": 2,
-    "spill": 4, "escape": 4, "edge exchange": 4, "led radiances": 64,
+    "unit sums": 4, "unit": 4, "rig": 8, "tables": 16, "subsurface": 16, "inside reflectance": 4, "inside at knots": 4,
+    "entering": 4, "spread": 8, "fields": 32, "maps": 4, "rays": 4, "flank": 32, "contact radiance": 8,
+    "plate unit light": 4, "plate points": 4, "contact radiance seen": 4, "flank surroundings": 96,
+    "flank exchange": 48, "surroundings": 2, "spill": 4, "escape": 4, "edge exchange": 4, "led radiances": 64,
 }  # fmt: skip
 """How many of each kind; a camera's maps of 2000 x 1500 pixels take 80 MB.
 

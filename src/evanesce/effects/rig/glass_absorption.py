@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evanesce.core.quantities import Strict, field
+from evanesce.effects.inference_hints import saturating
 from evanesce.effects.protocol import Context, Effect, Stage
 from evanesce.rig import Scene
 
@@ -46,5 +47,7 @@ EFFECT = Effect(
     apply=apply,
     # From low-iron to common float glass: 0.0005 to 0.002 per mm.
     fitted={"absorption_per_mm": 0.001},
+    # exp(-a L) = 1 - L a + L^2 a^2 / 2 over paths L of some 70 mm, from the edges of the thesis's plate to its middle.
+    coordinates={"absorption_per_mm": saturating(0.03)},
     scaling="a share of the light by its path in the glass: the same at every voltage and force",
 )

@@ -230,7 +230,7 @@ def _joint(
         fitter = _sizes_known(Fitter(model))
         if not any(errors.values()):
             fitter.noise = start.fitter.noise
-            best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, anchored=True)
+            best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0, anchored=True)
             break
         fitter.fields = voltage_rows(model.data, errors, fitter.observed.size)
         best = fitter.relinearised(into.taken, point, known, tell, 1, PASS_ROUNDS, 0)

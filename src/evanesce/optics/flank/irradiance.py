@@ -17,6 +17,7 @@ from evanesce.optics.edge_rays import EdgeLight, arrivals, led_count, segment_of
 from evanesce.optics.flank.escape import ON_GLASS, escaping_irradiance
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import Interface, external_diffuse_reflectance, returned_radiance
+from evanesce.optics.path_sums import MOMENTS, add_paths
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,27 @@ def flank_irradiance(
     light: EdgeLight, points: Array, normals: Array, *, samples: int = 4096, per_edge: int = 48
 ) -> tuple[Array, Array]:
     """Return the irradiance on points above the plate from light that leaves the top face.
+
+    Parameters
+    ----------
+    light, points, normals, samples, per_edge
+        As for :func:`flank_sums`.
+
+    Returns
+    -------
+    led : ndarray (leds, points)
+        Per radiance of each LED [sr].
+    edge : ndarray (segments, points)
+        Per diffuse radiance of each segment [sr].
+    """
+    led, edge = flank_sums(light, points, normals, samples=samples, per_edge=per_edge)
+    return led[0], edge[0]
+
+
+def flank_sums(
+    light: EdgeLight, points: Array, normals: Array, *, samples: int = 4096, per_edge: int = 48
+) -> tuple[Array, Array]:
+    """Return the irradiance from light that leaves the top face, summed by paths (:mod:`evanesce.optics.path_sums`).
 
     What no edge has mirrored by a quadrature (:func:`evanesce.optics.flank.escape.escaping_irradiance`); the rest,
     where edges are polished, by :func:`sampled_irradiance`.
@@ -42,9 +64,9 @@ def flank_irradiance(
 
     Returns
     -------
-    led : ndarray (leds, points)
+    led : ndarray (moments, leds, points)
         Per radiance of each LED [sr].
-    edge : ndarray (segments, points)
+    edge : ndarray (moments, segments, points)
         Per diffuse radiance of each segment [sr].
     """
     led, edge = escaping_irradiance(light, points, normals, per_edge=per_edge)
@@ -63,7 +85,7 @@ def sampled_irradiance(
     per_edge: int = 48,
     mirrorings: int = 0,
 ) -> tuple[Array, Array]:
-    """Return :func:`flank_irradiance` by quasi-random paths, for at least ``mirrorings`` reflections at edges.
+    """Return :func:`flank_sums` by quasi-random paths, for at least ``mirrorings`` reflections at edges.
 
     Points of the top face, denser towards the edges and below the point; from each the straight path is
     followed back into the glass. A convex body does not shade itself beyond its horizon, and nothing else stands on
@@ -72,18 +94,18 @@ def sampled_irradiance(
     Parameters
     ----------
     light, points, normals, samples, per_edge
-        As for :func:`flank_irradiance`.
+        As for :func:`flank_sums`.
     mirrorings : int
         Fewest reflections at edges.
 
     Returns
     -------
     led, edge : ndarray
-        As of :func:`flank_irradiance`.
+        As of :func:`flank_sums`.
     """
     n = light.refractive_index
     leds, segments, count = led_count(light), 4 * per_edge, points.shape[0]
-    led, edge = np.zeros((leds + 1, count)), np.zeros((segments, count))
+    led, edge = (np.zeros((MOMENTS, sources, count)) for sources in (leds + 1, segments))
     u = qmc.Sobol(5, scramble=True, rng=np.random.default_rng(5)).random(samples // 2)
     strips_x, strips_y = _towards_edges(light, u[:, :3])
     for k in np.flatnonzero(points[:, 2] > ON_GLASS):
@@ -110,9 +132,9 @@ def sampled_irradiance(
         zero = np.zeros_like(theta)
         start = (qx[good] * (1 - 1e-9), qy[good] * (1 - 1e-9), zero, theta, phi, np.ones(theta.shape, bool))
         for met in itertools.islice(arrivals(light, *start), mirrorings, None):
-            led[:, k] += np.bincount(met.led + 1, met.led_share * weight, leds + 1)
-            edge[:, k] += np.bincount(segment_of(light, met.hits, per_edge), met.edge_share * weight, segments)
-    return led[1:], edge
+            add_paths(led[:, :, k], met.led + 1, met.led_share * weight, met.length)
+            add_paths(edge[:, :, k], segment_of(light, met.hits, per_edge), met.edge_share * weight, met.length)
+    return led[:, 1:], edge
 
 
 def _towards_edges(light: EdgeLight, u: Array) -> tuple[Array, Array]:

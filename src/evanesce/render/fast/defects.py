@@ -18,13 +18,14 @@ from scipy.ndimage import map_coordinates
 
 from evanesce.core.provenance import digest
 from evanesce.core.states import PlateLight
-from evanesce.optics.edge_rays import stacked_radiances
+from evanesce.optics.edge_rays import EdgeLight, stacked_radiances
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions
 from evanesce.optics.patch_light import returned_radiance, window_transmittance
-from evanesce.optics.plate_field import AngleBins, unit_fields
+from evanesce.optics.path_sums import in_plate
+from evanesce.optics.plate_field import AngleBins, fields_of_sums, unit_sums
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.field_files import read_arrays, write_arrays
+from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
 from evanesce.render.fast.rig_optics import edge_light, interface_of, radiances_of
 from evanesce.render.kept import kept
 from evanesce.rig import Scene
@@ -43,6 +44,9 @@ EDGE_MARGIN = 0.5
 
 RAYS = 1 << 12
 """From each node to the edges, whose own light is smooth; that of the LEDs is a quadrature."""
+
+OVER_PLATE = Folder("over_plate", 256)
+"""Fields over the plate, some 2 kB each: every share of power among the LEDs has its own."""
 
 
 def contact_radiance(scene: Scene, x: ArrayLike, y: ArrayLike) -> Array:
@@ -175,7 +179,7 @@ def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Arra
         found = _read(key)
         if found is None:
             found = compute()
-            write_arrays(key, dict(zip(("y", "x", "values"), found, strict=True)))
+            write_arrays(key, dict(zip(("y", "x", "values"), found, strict=True)), OVER_PLATE)
         y, x, values = found
         return _Table(y, x, values)
 
@@ -184,7 +188,7 @@ def _kept_field(parts: list[Any], compute: Callable[[], tuple[Array, Array, Arra
 
 def _read(key: str) -> tuple[Array, Array, Array] | None:
     """Return a field kept on disk, None where there is none that can be used."""
-    arrays = read_arrays(key, ("y", "x", "values"))
+    arrays = read_arrays(key, ("y", "x", "values"), OVER_PLATE)
     if arrays is None:
         return None
     y, x, values = (np.asarray(array, float) for array in arrays.values())
@@ -222,14 +226,15 @@ def _irradiance_by_bin(scene: Scene, bins: AngleBins) -> tuple[Array, Array, Arr
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     # Unit light serves any share of power among the same LEDs.
     data = scene.as_dict()
-    plate = {key: value for key, value in data["plate"].items() if key != "edge_reflectance"}
-    leds = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm", "air_gap_share")]
+    leds = [data["leds"][key] for key in ("emitting_width_mm", "emitting_height_mm")]
     positions = {edge: own.tolist() for edge, own in light.positions.items()}
-    unit = kept(
-        "plate unit light",
-        digest([plate, leds, positions, bins.borders.tolist()]),
-        lambda: unit_fields(light, points, bins, rays=RAYS),
-    )
+    plate = {k: v for k, v in data["plate"].items() if k not in ("edge_reflectance", "absorption_coefficient_per_mm")}
+
+    def sums_of(there: EdgeLight) -> tuple[Array, ...]:
+        where = [plate, leds, positions, bins.borders.tolist(), there.absorption_coefficient, there.air_gap_share]
+        return kept("plate unit light", digest(where), lambda: unit_sums(there, points, bins, rays=RAYS))
+
+    unit = fields_of_sums(light, *in_plate(light, sums_of))
     return axes[1], axes[0], unit.irradiance(stacked_radiances(light), light.edge_reflectance)
 
 

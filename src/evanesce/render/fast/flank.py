@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from evanesce.core.states import ContactState
 from evanesce.optics.edge_rays import EdgeLight
-from evanesce.optics.flank.irradiance import contact_on_flank, flank_irradiance, mirrored_exchange
+from evanesce.optics.flank.irradiance import contact_on_flank, flank_sums, mirrored_exchange
 from evanesce.optics.patch_light import Interface
+from evanesce.optics.path_sums import MOMENTS
 from evanesce.optics.projection import IdealView
 from evanesce.render.fast.flank_table import (
     APPROACHES,
@@ -54,13 +55,13 @@ def unit_tables(scene: Scene, light: EdgeLight, per_edge: int) -> tuple[Array, A
 
     Returns
     -------
-    led : ndarray (leds, approaches * stations * azimuths)
-        Per radiance of each LED [sr].
-    edge : ndarray (segments, approaches * stations * azimuths)
+    led : ndarray (moments, leds, approaches * stations * azimuths)
+        Per radiance of each LED [sr], summed by paths (:mod:`evanesce.optics.path_sums`).
+    edge : ndarray (moments, segments, approaches * stations * azimuths)
         Per diffuse radiance of each segment [sr].
     """
     points, normals = table_points(scene)
-    return flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
+    return flank_sums(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
 
 
 def approaches_around(wanted_mm: tuple[float, ...], radius_mm: float) -> NDArray[np.intp]:
@@ -100,9 +101,9 @@ def coarse_unit_tables(scene: Scene, light: EdgeLight, per_edge: int, some: NDAr
         As of :func:`unit_tables`.
     """
     points, normals = (a[some][:, :, ::AZIMUTH_STEP] for a in table_points(scene))
-    coarse = flank_irradiance(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
+    coarse = flank_sums(light, points.reshape(-1, 3), normals.reshape(-1, 3), per_edge=per_edge)
     led, edge = (_filled(table.reshape(-1, *points.shape[:-1]), some) for table in coarse)
-    return led, edge
+    return tuple(filled.reshape(MOMENTS, -1, filled.shape[-1]) for filled in (led, edge))  # type: ignore[return-value]
 
 
 def _filled(table: Array, some: NDArray[np.intp]) -> Array:

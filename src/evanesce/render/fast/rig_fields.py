@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.provenance import digest
+from evanesce.optics.edge_rays import EdgeLight
 from evanesce.optics.guided_field import EdgeExchange, edge_response
 from evanesce.optics.interface import frustrated_transmittance
 from evanesce.optics.led import led_positions
 from evanesce.optics.patch_light import Interface, feedback, returned_radiance
-from evanesce.optics.plate_field import AngleBins, segment_areas, unit_fields
+from evanesce.optics.path_sums import MOMENTS, in_plate
+from evanesce.optics.plate_field import AngleBins, segment_areas, unit_sums
 from evanesce.render.fast import flank, flank_table
 from evanesce.render.fast.field_files import read_arrays, write_arrays
 from evanesce.render.fast.rig_optics import edge_light, interface_of
@@ -29,7 +31,7 @@ from evanesce.rig import Scene
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-FORMAT = 7
+FORMAT = 8
 """Of the files; a change of any formula of their content counts it up."""
 
 FIELD_SPACING = 1.5
@@ -133,40 +135,65 @@ def compute_unit_light(scene: Scene, approaches: NDArray[np.intp] | None = None)
         Indices of the flank's approaches that are needed; the flank is then coarse, a fifth of the time
         (:func:`evanesce.render.fast.flank.coarse_unit_tables`).
     """
-    light = edge_light(scene)
-    unit = unit_fields(light, _nodes(scene), _bins(scene), per_edge=PER_EDGE)
+    return UnitLight(
+        *in_plate(edge_light(scene), lambda light: list(compute_unit_sums(scene, light, approaches).values()))
+    )
+
+
+def compute_unit_sums(scene: Scene, light: EdgeLight, approaches: NDArray[np.intp] | None = None) -> dict[str, Single]:
+    """Compute the light of unit sources, summed by paths (:mod:`evanesce.optics.path_sums`).
+
+    Parameters
+    ----------
+    scene : Scene
+    light : EdgeLight
+        Its plate, or one that differs by what sums serve.
+    approaches : ndarray of int, optional
+        As for :func:`compute_unit_light`.
+
+    Returns
+    -------
+    dict of ndarray (moments, ...)
+        By name, in the order of :class:`UnitLight`.
+    """
+    led, edge, from_led, from_edge = unit_sums(light, _nodes(scene), _bins(scene), per_edge=PER_EDGE)
     if approaches is None:
         tables = flank.unit_tables(scene, light, PER_EDGE)
     else:
         tables = flank.coarse_unit_tables(scene, light, PER_EDGE, approaches)
-    found = (unit.led, unit.edge, unit.exchange.from_led, unit.exchange.from_edge, *tables)
-    return UnitLight(*(np.asarray(a, np.float32) for a in found))
+    found = (led, edge, from_led, from_edge, *tables)
+    return {name: np.asarray(a, np.float32) for name, a in zip(UnitLight.__dataclass_fields__, found, strict=True)}
 
 
-def unit_digest(scene: Scene) -> str:
+def unit_digest(scene: Scene, light: EdgeLight | None = None) -> str:
     """Return the digest of all that :class:`UnitLight` depends on: no voltage, reflectance, load or camera.
 
     Parameters
     ----------
     scene : Scene
+    light : EdgeLight, optional
+        As for :func:`plate_digest`.
     """
     finger = ("position_mm", "refractive_index", "tip_radius_mm", "diameter_mm", "length_mm")
     parts = [_chosen(scene.table(table), keys) for table, keys in (("finger", finger), ("grid", ("size_mm",)))]
-    return digest([plate_digest(scene), parts])
+    return digest([plate_digest(scene, light), parts])
 
 
-def plate_digest(scene: Scene) -> str:
+def plate_digest(scene: Scene, light: EdgeLight | None = None) -> str:
     """Return the digest of what decides light in the empty plate per unit of its sources.
 
     Parameters
     ----------
     scene : Scene
+    light : EdgeLight, optional
+        Of another absorption, or with other air films.
     """
-    plate = ("size_mm", "thickness_mm", "refractive_index", "absorption_coefficient_per_mm", "edge_polish")
-    leds = ("emitting_width_mm", "emitting_height_mm", "air_gap_share")
+    plate = ("size_mm", "thickness_mm", "refractive_index", "edge_polish")
+    leds = ("emitting_width_mm", "emitting_height_mm")
     positions = {edge: own.tolist() for edge, own in led_positions(scene.plate, scene.leds).items()}
     parts = [_chosen(scene.table(table), keys) for table, keys in (("plate", plate), ("leds", leds))]
-    return digest([FORMAT, parts, positions])
+    light = edge_light(scene) if light is None else light
+    return digest([FORMAT, parts, positions, light.absorption_coefficient, light.air_gap_share])
 
 
 def _chosen(table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
@@ -174,22 +201,26 @@ def _chosen(table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
 
 
 def unit_light(scene: Scene) -> UnitLight:
-    """Return the unit light of a rig from this process, from disk, or computed.
+    """Return the unit light of a rig, from sums of this process, from disk, or computed.
 
     Parameters
     ----------
     scene : Scene
     """
-    key = unit_digest(scene)
 
-    def make() -> UnitLight:
-        found = _read(key, _shapes(scene))
-        if found is None:
-            found = compute_unit_light(scene)
-            write_arrays(key, {name: getattr(found, name) for name in UnitLight.__dataclass_fields__})
-        return found
+    def sums_of(light: EdgeLight) -> list[Single]:
+        key = unit_digest(scene, light)
 
-    return kept("unit", key, make)
+        def make() -> dict[str, Single]:
+            found = _read(key, _shapes(scene))
+            if found is None:
+                found = compute_unit_sums(scene, light)
+                write_arrays(key, found)
+            return found
+
+        return list(kept("unit sums", key, make).values())
+
+    return kept("unit", unit_digest(scene), lambda: UnitLight(*in_plate(edge_light(scene), sums_of)))
 
 
 # --- rig fields ------------------------------------------------------------------------------------------------------
@@ -302,7 +333,7 @@ def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     leds = sum(own.size for own in led_positions(scene.plate, scene.leds).values())
     nodes, bins, segments = _nodes(scene).shape[0], _bins(scene).count, 4 * PER_EDGE
     on_flank = flank_table.APPROACHES.size * flank_table.STATIONS.size * flank_table.AZIMUTHS
-    return {
+    shapes = {
         "led": (leds, nodes, bins),
         "edge": (segments, nodes, bins),
         "edge_from_led": (segments, leds),
@@ -310,11 +341,12 @@ def _shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
         "flank_led": (leds, on_flank),
         "flank_edge": (segments, on_flank),
     }
+    return {name: (MOMENTS, *shape) for name, shape in shapes.items()}
 
 
-def _read(key: str, shapes: dict[str, tuple[int, ...]]) -> UnitLight | None:
-    """Return kept light, None where there is none that can be used."""
+def _read(key: str, shapes: dict[str, tuple[int, ...]]) -> dict[str, Single] | None:
+    """Return kept sums, None where there are none that can be used."""
     arrays = read_arrays(key, shapes)
     if arrays is None or any(a.dtype != np.float32 or a.shape != shapes[name] for name, a in arrays.items()):
         return None
-    return UnitLight(**arrays)
+    return arrays

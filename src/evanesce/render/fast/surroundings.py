@@ -16,13 +16,14 @@ from scipy.interpolate import RectBivariateSpline
 
 from evanesce.core.provenance import digest
 from evanesce.core.states import ContactState
-from evanesce.optics.edge_rays import stacked_radiances
-from evanesce.optics.flank.irradiance import flank_irradiance, mirrored_exchange
+from evanesce.optics.edge_rays import EdgeLight, stacked_radiances
+from evanesce.optics.flank.irradiance import flank_sums, mirrored_exchange
 from evanesce.optics.flank.pressed import PressedFinger
-from evanesce.optics.guided_field import edge_exchange, edge_response
+from evanesce.optics.guided_field import EdgeExchange, edge_response, exchange_sums
 from evanesce.optics.haze import FACES, clouds, haze_radiance, hazy_floor
 from evanesce.optics.interface import fresnel_reflectance
 from evanesce.optics.patch_light import external_diffuse_reflectance
+from evanesce.optics.path_sums import in_plate
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.optics.spill import spilled_irradiance
 from evanesce.render.fast.defects import guided_irradiance
@@ -280,18 +281,25 @@ def backdrop_irradiance(scene: Scene, x: Array, y: Array, radiances: Array, *, f
     wide_x, wide_y = (
         np.array([np.floor(p.min() / WHOLE_STEP), np.ceil(p.max() / WHOLE_STEP)]) * WHOLE_STEP for p in (x, y)
     )
-    plate = plate_digest(scene)
-    where = [plate, height, wide_x.tolist(), wide_y.tolist()]
+    where = [height, wide_x.tolist(), wide_y.tolist()]
     if surroundings.spill.share > 0:
         axes, points, normals = _nodes(wide_x, wide_y, height, SPILL_NODES)
         band = surroundings.spill.height_mm
-        key = digest([*where, band, shadow])
+        key = digest([plate_digest(scene), *where, band, shadow])
         spill = kept("spill", key, lambda: spilled_irradiance(light, points, normals, band, shadow))
         found = found + surroundings.spill.share * _between(axes, radiances @ spill, x, y, order=1)
     axes, points, normals = _nodes(wide_x, wide_y, height, ESCAPE_NODES)
-    key = digest(where)
-    led, edge = kept("escape", key, lambda: flank_irradiance(light, points, normals, per_edge=PER_EDGE))
-    exchange = kept("edge exchange", plate, lambda: edge_exchange(light, per_edge=PER_EDGE))
+
+    def escaping(there: EdgeLight) -> tuple[Array, ...]:
+        key = digest([plate_digest(scene, there), *where])
+        return kept("escape", key, lambda: flank_sums(there, points, normals, per_edge=PER_EDGE))
+
+    def exchanged(there: EdgeLight) -> tuple[Array, ...]:
+        key = plate_digest(scene, there)
+        return kept("edge exchange", key, lambda: exchange_sums(there, per_edge=PER_EDGE))
+
+    led, edge = in_plate(light, escaping)
+    exchange = EdgeExchange(*in_plate(light, exchanged))
     edges = edge_response(exchange, light.edge_reflectance) @ (exchange.from_led @ radiances)
     return found + _between(axes, radiances @ led + edges @ edge, x, y, order=3)
 

@@ -43,12 +43,13 @@ def fit_cases(name: str, count: int) -> Iterator[CaseSpec]:
         )  # fmt: skip
 
 
-def one_rig(spec: CaseSpec) -> dict[str, Any]:
-    """Make, fit and delete one rig."""
+def one_rig(spec: CaseSpec, workers: int = 1) -> dict[str, Any]:
+    """Make, fit and delete one rig; predict by so many processes."""
     with tempfile.TemporaryDirectory(prefix="challenge-") as folder:
         path, truth = write_case(spec, Path(folder))
         began = time.monotonic()
-        answer = result_of(fit_rig(read_bundle(path), tell=lambda line: print("   ", line, file=sys.stderr)))
+        bundle = read_bundle(path)
+        answer = result_of(fit_rig(bundle, workers=workers, tell=lambda line: print("   ", line, file=sys.stderr)))
     return {"truth": truth, "answer": answer, "seconds": time.monotonic() - began}
 
 
@@ -83,6 +84,7 @@ def main() -> None:
     parser.add_argument("--set", choices=("dev", "scored"), default="dev")
     parser.add_argument("--rigs", type=int, default=10)
     parser.add_argument("--run", default="fit")
+    parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
     path = Path("outputs/challenge") / f"{options.run}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +93,7 @@ def main() -> None:
     for spec in fit_cases(options.set, options.rigs):
         if spec.id not in done:
             print(spec.causes, spec.noise, spec.nominal, file=sys.stderr)
-            lines.append({"id": spec.id, **one_rig(spec)})
+            lines.append({"id": spec.id, **one_rig(spec, options.workers)})
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(lines[-1]) + "\n")
     print(table(lines))

@@ -102,7 +102,9 @@ def flank_irradiance_around(scene: Scene, finger: PressedFinger, radiances: Arra
     total: Any = np.zeros((len(finger.rings()[0]), AZIMUTHS))
     if spill.share > 0:
         height = spill.height_mm
-        where = digest([unit_digest(scene), scene.finger.diffuse_reflectance, repr(finger)])
+        # Above the plate: neither its absorption nor how light enters it counts.
+        clear = replace(edge_light(scene), absorption_coefficient=0.0, air_gap_share=0.0)
+        where = digest([unit_digest(scene, clear), scene.finger.diffuse_reflectance, repr(finger)])
         table = kept("flank surroundings", f"spill {height} {where}", lambda: _spill_table(scene, finger, height))
         total = total + spill.share * np.tensordot(radiances, table, 1)
     if haze.top_share > 0 or haze.bottom_share > 0:
@@ -285,7 +287,8 @@ def backdrop_irradiance(scene: Scene, x: Array, y: Array, radiances: Array, *, f
     if surroundings.spill.share > 0:
         axes, points, normals = _nodes(wide_x, wide_y, height, SPILL_NODES)
         band = surroundings.spill.height_mm
-        key = digest([plate_digest(scene), *where, band, shadow])
+        clear = replace(light, absorption_coefficient=0.0, air_gap_share=0.0)
+        key = digest([plate_digest(scene, clear), *where, band, shadow])
         spill = kept("spill", key, lambda: spilled_irradiance(light, points, normals, band, shadow))
         found = found + surroundings.spill.share * _between(axes, radiances @ spill, x, y, order=1)
     axes, points, normals = _nodes(wide_x, wide_y, height, ESCAPE_NODES)

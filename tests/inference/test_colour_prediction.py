@@ -214,12 +214,16 @@ def test_bins_at_the_end_of_the_scale_are_left_out_by_their_level(scene: Scene) 
     """Rationale: of bins about the end those were kept that were low by chance, and the answer was saturation."""
     mono = load_scene("thesis", {"camera.resolution_px": [120, 88], "camera.scale_px_per_mm": 6.0})
     rng = np.random.default_rng(1)
-    mean = np.full((88, 120), 253.9)
+    # a ramp up to the end: kept are the bins below it, at their level and by no chance
+    mean = np.broadcast_to(np.linspace(235.0, 253.9, 120), (88, 120))
     images = (mean + 0.6 * rng.standard_normal((3, 88, 120))).astype(np.float32)
     views = tuple(View(kind="press", force_N=1.0, voltage_V=9.0, index=k) for k in range(3))
     data = data_vector(Observation(believed=mono, scene=mono, views=views, images=images), np.array([binned(mean)] * 3))
-    kept = data.valid
-    assert not kept.any() or abs((data.cube - 253.9)[kept].mean()) < 0.02
+    kept, level = data.valid, np.array([binned(mean)] * 3)
+    assert 0.5 < kept.mean() < 1.0
+    assert not kept[level > 253.5].any()
+    assert (kept == kept[:, :1]).all()
+    assert abs((data.cube - level)[kept].mean()) < 0.02
 
 
 def test_a_monochrome_camera_has_the_tone_it_had() -> None:

@@ -283,29 +283,6 @@ def test_what_takes_seconds_is_evaluated_again_only_where_a_straight_line_does_n
     assert len(set(model.at)) == known
 
 
-def test_a_last_fit_goes_a_deviation_from_where_what_takes_seconds_was_evaluated_and_follows_it():
-    """A straight line of slope 1 promises more than the bent law gives: beyond a deviation nobody believes it."""
-    own = Parameter(name="c:x", null=1.0, deviation=3.0, step=0.01, bounds=(-9.0, 9.0))
-    fitter = object.__new__(Fitter)
-    model: Any = Costly(Costly(None).vector({"c:x": 1.5}))
-    fitter.model, fitter.observed, fitter.jitter, fitter.nuisances = model, model.observed, (), ()
-    fitter._evaluated_at, fitter._differentiated_at = {"c:x": 1.0}, {}
-    taken = Taken(SimpleNamespace(id="c", costly=True), (own,), {"c:x": np.array([300.0, 0.0])})
-    none = Metric.of(np.zeros((0, 2)), np.zeros(0))
-    slopes = Slopes(np.array([[300.0, 0.0]]))
-    widths = fitter.fitted([taken], {"c:x": 1.0}, metric=none, slopes=slopes, rounds=0, renewals=0)
-    (kept,) = fitter.on_lines(widths)
-    assert kept.parameters[0].bounds == pytest.approx((1.0 - 1 / 300, 1.0 + 1 / 300), rel=1e-3)
-    found = fitter.fitted([kept], {"c:x": 1.0}, metric=none, slopes=slopes, rounds=5, renewals=0)
-    assert found.point["c:x"] == pytest.approx(1.0 + 1 / 300)
-    followed = fitter.followed(replace(found, taken=(taken,)))
-    assert followed is not None
-    np.testing.assert_allclose(followed[0].slow["c:x"], [300.0 * (1.0 + 0.04 * (1.0 + 1 / 300)), 0.0])
-    assert followed[0].parameters[0].bounds == own.bounds
-    assert fitter._evaluated_at["c:x"] == found.point["c:x"]
-    assert fitter.followed(replace(found, taken=followed)) is None
-
-
 @pytest.mark.parametrize("rounds", [0, 9])
 def test_what_settles_a_little_before_its_bound_is_held_by_it(rounds):
     """One step more would gain 1e-4 and is not taken; left free, the parameter would take what others are asked for."""

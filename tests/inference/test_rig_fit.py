@@ -14,6 +14,8 @@ from evanesce.cli.app import app
 from evanesce.effects import all_effects
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.calibration.intervals import cut_interval
+from evanesce.inference.causes import changes_plate_light
+from evanesce.prediction.candidates import candidates_of
 from evanesce.rig import load_scene
 
 runner = CliRunner()
@@ -24,6 +26,16 @@ def test_every_figure_is_a_parameter_of_an_effect() -> None:
         entries = {entry.name for entry in all_effects()[name].candidate_parameters()}
         assert set(figure.names) <= entries, name
         assert set(figure.begin) <= entries, name
+
+
+def test_no_figure_asks_for_the_plates_paths_anew() -> None:
+    """Each free figure moves at each step of a fit: none may take seconds. A polish of the edges would."""
+    scene = load_scene("thesis")
+    found = {
+        c.id: c for c in candidates_of(scene, {need for effect in all_effects().values() for need in effect.needs})
+    }
+    assert not [name for name in FIGURES if changes_plate_light(scene, found[name])]
+    assert changes_plate_light(scene, found["edge_finish"])
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from evanesce.inference.exact_slopes import exact_slopes
 from evanesce.inference.gauss_newton import ROUNDS, Slopes, fit
 from evanesce.inference.joint_fit import JointFit, Taken, prior_of
 from evanesce.inference.model import Model
-from evanesce.inference.slow import Linear, beyond, is_near, left_line, reach, slow_rows, with_rows
+from evanesce.inference.slow import Linear, beyond, is_near, left_line, slow_rows, with_rows
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.parameters import STEP_SHARE, Parameter, value_of
 
@@ -224,47 +224,6 @@ class Fitter:
         there = {**point, **self._evaluated_at}
         self.model.anchor(there)
         return there
-
-    def on_lines(self, found: JointFit) -> tuple[Taken, ...]:
-        """Return a fit's causes; what takes seconds may go as far from where it was evaluated as its line reaches.
-
-        Beyond a posterior deviation a line is wrong by more than what it is fitted to: of absorption the data tell the
-        shape alone, a hundredth of its change.
-
-        Parameters
-        ----------
-        found : JointFit
-        """
-        at = Linear(found.taken, self._evaluated_at).point
-        sd = dict(zip((p.name for p in found.parameters), np.sqrt(np.diag(found.solution.covariance)), strict=True))
-
-        def bounded(p: Parameter) -> Parameter:
-            if p.name not in at:
-                return p
-            here, far = at[p.name], reach(at[p.name], p.null, float(sd[p.name]))
-            return replace(p, bounds=(max(here - far, p.bounds[0]), min(here + far, p.bounds[1])))
-
-        return tuple(replace(t, parameters=tuple(bounded(p) for p in t.parameters)) for t in found.taken)
-
-    def followed(self, found: JointFit) -> tuple[Taken, ...] | None:
-        """Return a fit's causes with lines about where it ended, of what it moved farther than its line reaches.
-
-        None where nothing went so far.
-
-        Parameters
-        ----------
-        found : JointFit
-        """
-        linear = Linear(found.taken, self._evaluated_at)
-        left = {name for name, at in linear.point.items() if left_line(found, name, at)}
-        if not left:
-            return None
-        self._evaluated_at |= {name: found.point[name] for name in left}
-        self._differentiated_at |= {name: found.point[name] for name in left}
-        widths = np.sqrt(np.diag(found.solution.covariance))
-        asked = [_over(p, float(w)) for p, w in zip(found.parameters, widths, strict=True) if p.name in left]
-        rows = self._derivatives({**found.point, **linear.point, **{name: found.point[name] for name in left}}, asked)
-        return tuple(replace(t, slow={name: rows.get(name, row) for name, row in t.slow.items()}) for t in found.taken)
 
     def _secants(self, taken: Taken, there: Mapping[str, float]) -> Taken:
         """Return a cause whose parameters that take seconds act along the line from null to where they were evaluated.

@@ -60,11 +60,6 @@ def with_rows(slopes: Slopes, taken: Sequence[Taken], rows: Mapping[str, Array])
     return replace(slopes, rows=found, made=found if slopes.fresh else slopes.made)
 
 
-def reach(evaluated: float, null: float, width: float) -> float:
-    """Return how far from where a parameter was evaluated a fit may move it by its line alone."""
-    return max(width, LINEAR_SHARE * abs(evaluated - null))
-
-
 def left_line(fitted: JointFit, name: str, evaluated: float) -> bool:
     """Return whether a fit has moved a parameter from where it was evaluated by more than its line reaches."""
     place = [p.name for p in fitted.parameters].index(name)

@@ -19,8 +19,8 @@ from evanesce.optics.edge_rays import EdgeLight
 Array = NDArray[Any]
 
 SPACING_PER_MM = 1e-2
-"""Of the coefficients about which sums are made for edges that mirror nothing [1/mm]. Half of it away the third order is
-a ten-thousandth of what edges receive from each other, and less of the rest."""
+"""Of the coefficients about which sums are made for edges that mirror nothing [1/mm]. Half of it away the third order
+is a ten-thousandth of what edges receive from each other, and less of the rest."""
 
 LEAST_SPACING = 1e-4
 """Share of that which is left where edges mirror all."""

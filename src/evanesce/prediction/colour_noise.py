@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from evanesce.measurement.reference.segment import LUMA
-from evanesce.prediction.tone import ExpectedTone, moments
+from evanesce.prediction.tone import ExpectedTone, SignalNoise, moments
 from evanesce.prediction.views import BIN_PX
 from evanesce.rig import Camera
 from evanesce.rig.colour import Demosaicing, Mosaic
@@ -254,28 +254,18 @@ def expected_colour(camera: Camera, noise_scale: float = 1.0) -> ExpectedColour:
     ----------
     camera : Camera
     noise_scale : float
-        As of :func:`evanesce.prediction.tone.expected_tone`.
+        As of :class:`evanesce.prediction.tone.SignalNoise`.
     """
-    pixel = camera.pixel
-    e_per_DN = pixel.conversion_gain_e_per_DN / camera.analogue_gain
-    noise = (pixel.black_level_DN, e_per_DN, pixel.read_noise_e, pixel.full_well_capacity_e, round(noise_scale, 5))
-    return _tabulate(ImageProcessor.of(camera), pixel.bits, *noise)
+    return _tabulate(ImageProcessor.of(camera), camera.pixel.bits, SignalNoise.of(camera, noise_scale))
 
 
 @functools.lru_cache(maxsize=16)
-def _tabulate(
-    processor: ImageProcessor, bits: int, black_DN: float, e_per_DN: float, read_e: float, well_e: float, scale: float
-) -> ExpectedColour:
-    balanced = balance_table(processor, black_DN, bits) / 65535.0
-    filters = tuple(moments(table, black_DN, e_per_DN, read_e, well_e, scale) for table in balanced)
-
-    def noise_of(signal: Array) -> Array:
-        charge = np.clip((signal - black_DN) * e_per_DN, 0.0, well_e)
-        return np.asarray(scale * np.sqrt(charge + read_e**2) / e_per_DN)
-
-    full, matrix = 2**bits - 1 - black_DN, np.array(processor.matrix)
+def _tabulate(processor: ImageProcessor, bits: int, noise: SignalNoise) -> ExpectedColour:
+    balanced = balance_table(processor, noise.black_DN, bits) / 65535.0
+    filters = tuple(moments(table, noise) for table in balanced)
+    full, matrix = 2**bits - 1 - noise.black_DN, np.array(processor.matrix)
     return ExpectedColour(
-        filters, processor.gains, noise_of, full, matrix, processor.demosaicing, *_after_noise(processor.curve)
+        filters, processor.gains, noise.sd, full, matrix, processor.demosaicing, *_after_noise(processor.curve)
     )
 
 

@@ -22,7 +22,7 @@ from evanesce.prediction import priors
 from evanesce.prediction.codecs import Codec, Likely
 from evanesce.prediction.colour import expected_grey, grey_of
 from evanesce.prediction.correlation import Correlation
-from evanesce.prediction.tone import ExpectedTone, signal_sd
+from evanesce.prediction.tone import ExpectedTone, SignalNoise
 from evanesce.prediction.views import BIN_PX, View, binned
 from evanesce.rig import Camera, Scene
 from evanesce.sensor.colour import mosaic
@@ -200,7 +200,7 @@ class Shooting:
         black = self.camera.pixel.black_level_DN
         part = self.response[: signal.shape[0], : signal.shape[1]]
         light = part * (signal - black)
-        sd = signal_sd(self.camera, black + light, self.scale)
+        sd = SignalNoise.of(self.camera, self.scale).sd(black + light)
         while True:
             noise = sd * rng.standard_normal(signal.shape, np.float32)
             yield frame_of(black + (1.0 + self.flicker * rng.standard_normal()) * light + noise, self.camera).data

@@ -89,70 +89,75 @@ class ExpectedTone:
         return self._at(level_DN, np.maximum(slope, 0.0))
 
 
+@dataclass(frozen=True)
+class SignalNoise:
+    """Noise of single signals before quantisation (EMVA 1288: shot noise and read noise).
+
+    Attributes
+    ----------
+    black_DN : float
+        Signal without light [raw DN].
+    e_per_DN : float
+        Charge per raw number [e-/DN].
+    read_noise_e, full_well_e : float
+        [e-].
+    scale : float
+        Real over modelled standard deviation before the tone curve: a camera may smooth its noise [1].
+    """
+
+    black_DN: float
+    e_per_DN: float
+    read_noise_e: float
+    full_well_e: float
+    scale: float = 1.0
+
+    @classmethod
+    def of(cls, camera: Camera, scale: float = 1.0) -> SignalNoise:
+        """Return a camera's own noise."""
+        pixel = camera.pixel
+        e_per_DN = pixel.conversion_gain_e_per_DN / camera.analogue_gain
+        return cls(pixel.black_level_DN, e_per_DN, pixel.read_noise_e, pixel.full_well_capacity_e, round(scale, 5))
+
+    def sd(self, signal_DN: Array | float) -> Array:
+        """Return the standard deviation [raw DN] about mean signals [raw DN]."""
+        charge = np.clip((np.asarray(signal_DN) - self.black_DN) * self.e_per_DN, 0.0, self.full_well_e)
+        return np.asarray(self.scale * np.sqrt(charge + self.read_noise_e**2) / self.e_per_DN)
+
+
 def expected_tone(camera: Camera, noise_scale: float = 1.0) -> ExpectedTone:
-    """Return the moments for a camera's own noise (EMVA 1288: shot noise and read noise), kept for the last few.
+    """Return the moments for a camera's own noise, kept for the last few.
 
     Parameters
     ----------
     camera : Camera
         Monochrome; of a colour camera see :func:`evanesce.prediction.colour.expected_grey`.
     noise_scale : float
-        Real over modelled standard deviation before the tone curve: a camera may smooth its noise.
+        As of :class:`SignalNoise`.
     """
-    pixel = camera.pixel
-    return _tabulate(
-        pixel.bits,
-        pixel.black_level_DN,
-        pixel.conversion_gain_e_per_DN / camera.analogue_gain,
-        pixel.read_noise_e,
-        pixel.full_well_capacity_e,
-        camera.tone_curve,
-        round(noise_scale, 5),
-    )
-
-
-def signal_sd(camera: Camera, signal_DN: Array, noise_scale: float = 1.0) -> Array:
-    """Return the standard deviation of single signals before quantisation [raw DN] about their means [raw DN]."""
-    pixel = camera.pixel
-    e_per_DN = pixel.conversion_gain_e_per_DN / camera.analogue_gain
-    charge = np.clip((signal_DN - pixel.black_level_DN) * e_per_DN, 0.0, pixel.full_well_capacity_e)
-    return np.asarray(noise_scale * np.sqrt(charge + pixel.read_noise_e**2) / e_per_DN)
+    return _tabulate(camera.pixel.bits, camera.tone_curve, SignalNoise.of(camera, noise_scale))
 
 
 @functools.lru_cache(maxsize=32)
-def _tabulate(
-    bits: int, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, curve: str, scale: float
-) -> ExpectedTone:
-    light = relative_light(np.arange(2**bits), black_level_DN=black_DN, bits=bits)
-    table = np.floor(255.0 * np.clip(CURVES[curve](light), 0.0, 1.0) + 0.5)
-    return moments(table, black_DN, e_per_DN, read_noise_e, full_well_e, scale)
+def _tabulate(bits: int, curve: str, noise: SignalNoise) -> ExpectedTone:
+    light = relative_light(np.arange(2**bits), black_level_DN=noise.black_DN, bits=bits)
+    return moments(np.floor(255.0 * np.clip(CURVES[curve](light), 0.0, 1.0) + 0.5), noise)
 
 
-def moments(
-    table: Array, black_DN: float, e_per_DN: float, read_noise_e: float, full_well_e: float, scale: float
-) -> ExpectedTone:
+def moments(table: Array, noise: SignalNoise) -> ExpectedTone:
     """Return the moments of what a table makes of raw numbers.
 
     Parameters
     ----------
     table : ndarray (2^bits,)
         Value of each raw number.
-    black_DN, e_per_DN, read_noise_e, full_well_e : float
-        Black level [DN], charge per raw number [e-/DN], read noise and full well [e-].
-    scale : float
-        Real over modelled standard deviation.
+    noise : SignalNoise
     """
     codes = table.size
-
-    def sd_at(signal: Array | float) -> Array:
-        charge = np.clip((np.asarray(signal, float) - black_DN) * e_per_DN, 0.0, full_well_e)
-        return np.asarray(scale * np.sqrt(charge + read_noise_e**2) / e_per_DN)
-
     nodes = [0.0]
     while nodes[-1] < codes - 1:
-        nodes.append(min(nodes[-1] + max(STEP_DN, float(sd_at(nodes[-1])) / STEPS_PER_SD), codes - 1.0))
+        nodes.append(min(nodes[-1] + max(STEP_DN, float(noise.sd(nodes[-1])) / STEPS_PER_SD), codes - 1.0))
     signal = np.array(nodes)
-    sd = sd_at(signal)
+    sd = noise.sd(signal)
     mean, square = np.empty_like(signal), np.empty_like(signal)
     # In blocks of like width: only codes within reach of the noise are summed over.
     for first in range(0, signal.size, BLOCK):
@@ -165,4 +170,4 @@ def moments(
         share = np.diff(below, axis=1, prepend=0.0, append=1.0)
         values = table[low : high + 1]
         mean[part], square[part] = share @ values, share @ values**2
-    return ExpectedTone(signal, mean, np.maximum(square - mean**2, 0.0), black_DN)
+    return ExpectedTone(signal, mean, np.maximum(square - mean**2, 0.0), noise.black_DN)

@@ -142,7 +142,7 @@ def entered(
     for name, cause in asked.items():
         own = tuple(p for n, p in free if n == name and p.name in rows)
         if own:
-            taken.append(Taken(cause, own, {p.name: rows[p.name] for p in own} if cause.costly else {}))
+            taken.append(Taken(cause, own))
             begin |= {p.name: point.get(p.name, p.null) for p in own} | at[name]
     return Entered(tuple(taken), begin, left_out, rows)
 

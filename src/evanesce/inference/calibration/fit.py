@@ -40,7 +40,6 @@ from evanesce.inference.model import AnchoredModel
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
-from evanesce.inference.slow import slow_rows, with_rows
 from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.processes import processes
@@ -55,8 +54,6 @@ PASSES = 5
 PASS_ROUNDS = 8
 """Predictions of a pass: what it would gain by more is less than the next one gains by its weights, or the last by its
 derivatives."""
-LINES = 2
-"""Fits about the last anchor at most, each with new lines of what takes seconds and went beyond its own."""
 LAST_ROUNDS = 12
 """Predictions with exact derivatives; some steps fail where a cell of a contact's rim begins to be covered."""
 EDGE_PX = 0.4
@@ -238,7 +235,7 @@ def _joint(
         now = with_errors(noise, errors)
         if number == PASSES - 1 or alike(model.data, now):
             break
-        into, known = _weighed(model, into, best, now)
+        known = _weighed(model, best, now)
         point = best.point
     base = fitter.fitted([], start.base.point, metric=fitter.jitter_metric(start.base.point), rounds=0)
     return replace(start, fitter=fitter, base=base), best, into, lacking, errors
@@ -252,15 +249,8 @@ def _settled(fitter: Fitter, best: JointFit) -> JointFit:
     """
     fitter.stand(best.taken, best.point)
     made = fitter.slopes_about(best)
-    taken, widths = best.taken, best
-    for _ in range(LINES):
-        kept = fitter.on_lines(replace(widths, taken=taken))
-        best = fitter.fitted(kept, best.point, metric=best.metric, slopes=made, rounds=LAST_ROUNDS, renewals=0)
-        followed = fitter.followed(replace(widths, taken=taken, point=best.point))
-        if followed is None:
-            break
-        taken, made = followed, with_rows(made, followed, slow_rows(followed))
-    return fitter.fitted(taken, best.point, metric=best.metric, slopes=made, rounds=0, renewals=0)
+    best = fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=LAST_ROUNDS, renewals=0)
+    return fitter.fitted(best.taken, best.point, metric=best.metric, slopes=made, rounds=0, renewals=0)
 
 
 def _sizes_known(fitter: Fitter) -> Fitter:
@@ -293,20 +283,11 @@ def _edges(model: AnchoredModel, best: JointFit) -> CovarianceRows:
     return CovarianceRows(np.array([*found, shift], np.float32))
 
 
-def _weighed(model: AnchoredModel, into: Entered, best: JointFit, data: DataVector) -> tuple[Entered, Slopes | None]:
-    """Hand a model other weights of its bins; return its figures and their derivatives by those."""
+def _weighed(model: AnchoredModel, best: JointFit, data: DataVector) -> Slopes | None:
+    """Hand a model other weights of its bins; return a fit's derivatives by those, None where they have to be made."""
     before, model.data = model.data, data
-    slopes = best.solution.slopes
-    rows = reweighed(slopes.rows, before, data)
-    known = None if rows is None else Slopes(rows)
-    taken = []
-    for t in best.taken:
-        slow = {}
-        for p in (p for p in t.parameters if p.name in t.slow):
-            own = reweighed(t.slow[p.name][None], before, data)
-            slow[p.name] = model.derivative(best.point, p) if own is None else own[0]
-        taken.append(replace(t, slow=slow))
-    return replace(into, taken=tuple(taken)), known
+    rows = reweighed(best.solution.slopes.rows, before, data)
+    return None if rows is None else Slopes(rows)
 
 
 def _timed(tell: Tell, began: float) -> Tell:

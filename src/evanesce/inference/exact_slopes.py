@@ -23,9 +23,9 @@ Point = Mapping[str, float]
 ALIKE = 0.5
 """Standard deviations of the data by which a parameter's derivatives to both sides may differ over its posterior
 deviation: a quarter of the information that it has."""
-OTHER_STEPS = (0.25, 4.0)
-"""Of posterior deviations, that are tried where they differ by more: where the law bends, and where predictions are too
-rough for steps as small as one."""
+SMALLER, LARGER = 0.25, 4.0
+"""Steps in posterior deviations that are tried where they differ by more: the smaller one for laws that bend, and where
+that differs by more still, the larger one, because predictions are too rough for steps as small."""
 
 
 def exact_slopes(model: Model, point: Point, widths: Mapping[Parameter, float]) -> dict[str, Array]:
@@ -43,14 +43,14 @@ def exact_slopes(model: Model, point: Point, widths: Mapping[Parameter, float]) 
     InputError
         If the rig cannot have the values of a step.
     """
-    rows: dict[str, Array | InputError] = {}
-    rough = dict.fromkeys((p.name for p in widths), np.inf)
-    for factor in (1.0, *OTHER_STEPS):
-        bent = {p: width for p, width in widths.items() if rough[p.name] > ALIKE}
-        others, rougher = _two_sided(model, point, bent, factor)
-        better = [name for name in others if name not in rows or rougher[name] < rough[name]]
+    rows, rough = _two_sided(model, point, widths)
+    asked = {p: width for p, width in widths.items() if rough[p.name] > ALIKE}
+    for factor in (SMALLER, LARGER):
+        others, rougher = _two_sided(model, point, asked, factor)
+        better = [name for name in others if rougher[name] < rough[name]]
         rows |= {name: others[name] for name in better}
         rough |= {name: rougher[name] for name in better}
+        asked = {p: width for p, width in asked.items() if p.name not in better}
     return {name: _possible(row) for name, row in rows.items()}
 
 

@@ -19,9 +19,8 @@ Jacobian = Callable[[Array, Array, Array | None], tuple[Array, Array]]
 RADIUS = 1.0
 """Prior deviations that a first step goes in any parameter: a model far off promises most by figures that nobody
 believes, and a step that goes there leaves the place where its derivatives hold."""
-WIDER, NARROWER, LEAST_SHARE = 2.5, 0.25, 0.1
-"""Factors of the radius after a step that kept most of what it promised, of a step that the model cannot make, and at
-least of one that failed: as far as a parabola through its gain has its top."""
+WIDER, NARROWER = 2.5, 0.25
+"""Factors of the radius after a step that kept most of what it promised, and of the step after one that failed."""
 KEPT, LITTLE = 0.5, 0.2
 """Shares of what was promised above which the radius grows, and below which it is halved."""
 ROUNDS = 20
@@ -263,8 +262,7 @@ def fit(
             values, predicted, misfit, failed = trial, there, value, 0
             radius = radius * WIDER if gained > KEPT * promised else size / 2 if gained < LITTLE * promised else radius
         else:
-            first = 2.0 * float(step @ gradient)
-            radius, failed = size * max(0.5 * first / (first - gained), LEAST_SHARE), failed + 1
+            radius, failed = size * NARROWER, failed + 1
     precision, gradient = _normal(slopes.rows, data - predicted, values, prior, metric)
     # Where the last step, too short to be taken, would end: a fit settles a little before a bound.
     low, high = prior.low - values, prior.high - values

@@ -14,8 +14,8 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-KEEP_FILES = 24
-"""Files in the folder, some 10 MB each for unit light."""
+KEEP_FILES = 12
+"""Files in the folder, some 30 MB each for unit light."""
 
 
 class Folder(NamedTuple):

@@ -1,4 +1,4 @@
-"""One sheet with what each effect does to a frame: the difference it makes, on the ridged rig of the thesis.
+"""One sheet with what effects of light and plate do to a frame: the difference, on the ridged rig of the thesis.
 
 Fast renderer, 1 N, 9 V, no noise, half the camera's resolution; differences of the 12-bit raw frame. Each picture has
 its own scale, written below it. Effects that act on the contact alone are shown at its place, 5 mm wide.
@@ -21,7 +21,7 @@ from PIL import Image
 
 from evanesce.chain.simulate import expose
 from evanesce.contact.solve import contact_state
-from evanesce.effects import Context, Effect, Stage, active_effects, all_effects, apply_stage
+from evanesce.effects import Context, Stage, active_effects, all_effects, apply_stage
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene, load_scene
 
@@ -72,17 +72,10 @@ def levels(scene: Scene) -> np.ndarray:
     return frame.raw.astype(float)
 
 
-def shown(effect: Effect) -> dict[str, object]:
-    """Return the parameters to show an effect with: chosen above, or a tenth of the way to the bound."""
-    if effect.id in SHOWN:
-        return SHOWN[effect.id]
-    return {name: q.bounds[1] / 10 for name, q in effect.parameters.quantities() if name in effect.amplitudes}
-
-
 def sheet(out: Path) -> None:
     """Draw the sheet."""
     plain = levels(load_scene("thesis_ridged", HALF_RESOLUTION))
-    effects = list(all_effects().values())
+    effects = [effect for name, effect in all_effects().items() if name in SHOWN]
     rows = -(-(len(effects) + 1) // COLUMNS)
     figure, axes = plt.subplots(rows, COLUMNS, figsize=(2.9 * COLUMNS, 2.62 * rows), dpi=82, squeeze=False)
     for axis in axes.ravel():
@@ -90,7 +83,7 @@ def sheet(out: Path) -> None:
     axes[0, 0].imshow(plain[ZOOM], cmap="gray", interpolation="nearest")
     axes[0, 0].set_title("without effects, 5 mm wide", fontsize=8)
     for axis, effect in zip(axes.ravel()[1:], effects, strict=False):
-        values = shown(effect)
+        values = SHOWN[effect.id]
         scene = load_scene("thesis_ridged", HALF_RESOLUTION).model_copy(update={"effects": {effect.id: values}})
         change = levels(scene) - plain
         if effect.stage in (Stage.RIG, Stage.CONTACT):

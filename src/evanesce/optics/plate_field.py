@@ -202,24 +202,19 @@ def _points_fields(light: EdgeLight, points: Array, bins: AngleBins, rays: int, 
     return found[0][:, 1:], found[1]
 
 
-def unit_fields(
-    light: EdgeLight, points: Array, bins: AngleBins, *, rays: int = 1 << 14, per_edge: int = 48
-) -> UnitFields:
-    """Compute the unit fields of a plate.
-
-    Parameters
-    ----------
-    light, points, bins, rays, per_edge
-        As for :func:`unit_sums`.
-    """
-    sums = unit_sums(light, points, bins, rays=rays, per_edge=per_edge)
-    return fields_of_sums(light, *(part[0] for part in sums), per_edge=per_edge)
-
-
 def fields_of_sums(
     light: EdgeLight, led: Array, edge: Array, from_led: Array, from_edge: Array, *, per_edge: int = 48
 ) -> UnitFields:
-    """Return unit fields of their parts, in the order of :func:`unit_sums`."""
+    """Return the unit fields of a plate.
+
+    Parameters
+    ----------
+    light : EdgeLight
+    led, edge, from_led, from_edge : ndarray
+        As of :func:`unit_sums`, in that plate's glass: without moments.
+    per_edge : int
+        Segments of each edge.
+    """
     return UnitFields(led, edge, EdgeExchange(from_led, from_edge), segment_areas(light, per_edge))
 
 

@@ -22,27 +22,6 @@ from evanesce.optics.path_sums import MOMENTS, add_paths
 Array = NDArray[np.float64]
 
 
-def flank_irradiance(
-    light: EdgeLight, points: Array, normals: Array, *, samples: int = 4096, per_edge: int = 48
-) -> tuple[Array, Array]:
-    """Return the irradiance on points above the plate from light that leaves the top face.
-
-    Parameters
-    ----------
-    light, points, normals, samples, per_edge
-        As for :func:`flank_sums`.
-
-    Returns
-    -------
-    led : ndarray (leds, points)
-        Per radiance of each LED [sr].
-    edge : ndarray (segments, points)
-        Per diffuse radiance of each segment [sr].
-    """
-    led, edge = flank_sums(light, points, normals, samples=samples, per_edge=per_edge)
-    return led[0], edge[0]
-
-
 def flank_sums(
     light: EdgeLight, points: Array, normals: Array, *, samples: int = 4096, per_edge: int = 48
 ) -> tuple[Array, Array]:

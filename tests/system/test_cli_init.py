@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from evanesce.api.own_answers import FINGERS
 from evanesce.cli.app import app
 from evanesce.rig import load_scene
+from support import lab_boards
 from support.drawn_lab import on_plate
 
 runner = CliRunner()
@@ -152,6 +154,14 @@ def test_presets_are_listed() -> None:
         (["mine.toml", "--checkerboard", "none.png"], ["none.png", "--checkerboard"]),
         (["mine.toml", "--silicone", "jelly"], ["--silicone", "jelly", "silskin_0"]),
         (["mine.toml", "--set", "effects.led_ded.loss=1.0"], ["effects.led_ded", "led_dead"]),
+        (["mine.toml", "--pixel-um", "0"], ["--pixel-um", "0.5 to 50 um"]),
+        (["mine.toml", "--index", "1"], ["--index", "1.01 to 2.5"]),
+        (["mine.toml", "--camera", "pi_3", "--resolution", "0x9"], ["--resolution", "8 to 20000 px"]),
+        (["mine.toml", "--field-mm", "1e-3"], ["--field-mm", "mm"]),
+        (["mine.toml", "--focal-mm", "0", "--distance-mm", "30"], ["--focal-mm", "0.5 to 200 mm"]),
+        (["mine.toml", "--spectrum", "none.csv"], ["--spectrum", "'none.csv'", "existing"]),
+        (["mine.toml", "--voltage-V", "0"], ["--voltage-V", "8.85 V", "in series"]),
+        (["mine.toml", "--on-glass", "a.png"], ["--on-glass", "--checkerboard"]),
     ],
 )
 def test_bad_options_are_one_line_and_nothing_is_written(
@@ -164,6 +174,67 @@ def test_bad_options_are_one_line_and_nothing_is_written(
     assert line.startswith("error:")
     assert all(word in line for word in words), line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+def test_every_finger_fits_a_rig(finger: str, tmp_path: Path) -> None:
+    scene = tmp_path / "mine.toml"
+    done = runner.invoke(app, ["init", str(scene), "--preset", "gripper", "--finger", finger, "--exposure-ms", "1"])
+    assert done.exit_code == 0, done.output
+    assert load_scene(scene).finger.tip_radius_mm > 0
+
+
+def seen_by_a_lens(folder: Path, flat_last: bool) -> None:
+    """Six pictures of a board, 13 x 9 squares of 2 mm, one flat at 12 px/mm, five tilted; another size beside them."""
+    rng = np.random.default_rng(3)
+    lens = lab_boards.Lens((480, 360), 720.0, 720.0, 239.5, 179.5, -0.1, 0.0)
+    board = lab_boards.Board(13, 9, 2.0)
+    poses = [lab_boards.flat(60.0), *(lab_boards.pose_of(rng, lens, board) for _ in range(5))]
+    folder.mkdir()
+    for k, pose in enumerate(reversed(poses) if flat_last else poses):
+        cv2.imwrite(str(folder / f"{k}.png"), lab_boards.draw(lens, board, pose, lab_boards.Look(), rng))
+    cv2.imwrite(str(folder / "9.png"), np.full((200, 300), 90, np.uint8))
+
+
+@pytest.mark.parametrize("flat_last", [False, True])
+def test_the_scale_is_of_the_picture_on_the_glass_wherever_it_stands(flat_last: bool, tmp_path: Path) -> None:
+    seen_by_a_lens(tmp_path / "boards", flat_last)
+    scene, told = tmp_path / "mine.toml", tmp_path / "mine.json"
+    options = [
+        "init", str(scene), "--preset", "gripper", "--board-square-mm", "2", "--checkerboard", str(tmp_path / "boards"),
+        "--exposure-ms", "1", "--json", str(told), "--overwrite",
+    ]  # fmt: skip
+    done = runner.invoke(app, options)
+    assert done.exit_code == 0, done.output
+    found = load_scene(scene)
+    assert found.camera.scale_px_per_mm == pytest.approx(12.0, rel=3e-3)
+    assert found.card.checkerboard_squares == (13, 9)
+    name = "5.png" if flat_last else "0.png"
+    assert f"scale from {name}, the flattest of 6 pictures" in done.stderr
+    assert "6 picture(s)" in found.sources["camera.scale_px_per_mm"]
+    (left_out,) = (w for w in json.loads(told.read_text(encoding="utf-8"))["warnings"] if "changed_resolution" in w)
+    assert "9.png is 300 x 200" in left_out
+    assert "changed_resolution" in done.stderr
+    # another is stated: its scale is taken, as it is told to be
+    tilted = runner.invoke(app, [*options, "--on-glass", "2.png"])
+    assert tilted.exit_code == 0, tilted.output
+    assert "scale from 2.png, stated of 6 pictures" in tilted.stderr
+    assert abs(load_scene(scene).camera.scale_px_per_mm / 12.0 - 1) > 0.02
+    # a board that has fewer squares than are seen is none of these
+    other = runner.invoke(app, [*options, "--board", "12x9"])
+    assert other.exit_code == 2
+    assert "--board" in other.stderr.splitlines()[-1]
+    assert "13 x 9 squares" in other.stderr
+
+
+def test_pictures_without_a_board_are_named_with_their_folder(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "noise.png"), np.random.default_rng(0).integers(0, 255, (120, 160), np.uint8))
+    done = runner.invoke(
+        app, ["init", str(tmp_path / "m.toml"), "--checkerboard", str(tmp_path / "noise.png"), "--board-square-mm", "1"]
+    )
+    assert done.exit_code == 2
+    assert str(tmp_path / "noise.png") in done.stderr
+    assert "no checkerboard found" in done.stderr
 
 
 def test_an_existing_file_is_left(tmp_path: Path) -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 from evanesce.bench import dark_signal, frame_stack, photon_transfer, sensor, sensor_tables
+from evanesce.cli.app import app
 from evanesce.core.errors import InputError, WorkError
 
 K, READ_E, PRNU, DSNU_E, BLACK = 2.6, 4.2, 0.012, 3.0, 200.0
@@ -235,3 +239,32 @@ def test_bad_stacks(tmp_path):
     (folder / "stack.csv").unlink()
     with pytest.raises(InputError, match=r"stack\.csv"):
         frame_stack.reduce_stack(folder, bits=12)
+
+
+def test_each_dark_table_is_read_at_its_own_analogue_gain(tmp_path):
+    """Shot noise of 0.4 e-/s at 3 e-/DN: filmed at gain 4 the same charge is four times as many DN."""
+    gain_e, current_e, t = 3.0, 0.4, np.linspace(0.0, 200.0, 20)
+    level = np.linspace(50.0, 3000.0, 30)
+    for name, gain in (("one", 1.0), ("four", 4.0)):
+        variance = (4.0 + current_e * (3.0 if name == "four" else 1.0) * t) * (gain / gain_e) ** 2
+        rows = "\n".join(f"{a:.6g},{b:.8g}" for a, b in zip(t, variance, strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"exposure_s,variance_DN2\n{rows}\n", encoding="utf-8")
+    rows = "\n".join(f"{a + 64:.6g},{4.0 / gain_e**2 + a / gain_e:.8g}" for a in level)
+    (tmp_path / "light.csv").write_text(f"mean_DN,variance_DN2\n{rows}\n", encoding="utf-8")
+
+    def bench(*tables, gains):
+        out = tmp_path / "out.json"
+        options = [f"--temperature-C={20.0 if name == 'one' else 30.0}" for name in tables if name != "light"]
+        done = CliRunner().invoke(app, [
+            "bench", "sensor", *(str(tmp_path / f"{name}.csv") for name in tables), *options, "--black-level-DN", "64",
+            *(f"--analogue-gain={gain}" for gain in gains), "--json", str(out), "--out", str(tmp_path / "o"),
+        ])  # fmt: skip
+        assert done.exit_code == 0, done.output
+        return json.loads(out.read_text(encoding="utf-8"))
+
+    for order in (("light", "one", "four"), ("four", "light", "one")):
+        found = bench(*order, gains=[4 if name == "four" else 1 for name in order])
+        currents = [row["dark_current_from_variance_e_per_s"] for row in found["dark"]]
+        assert sorted(currents) == pytest.approx([current_e, 3 * current_e], rel=0.01)
+        (faster,) = found["temperature_factors"]
+        assert faster["factor"] == pytest.approx(3.0, rel=0.01)

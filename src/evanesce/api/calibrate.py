@@ -164,10 +164,11 @@ def fit_calibration(
                        ("expect_distance_mm", expect_distance_mm)):  # fmt: skip
         if value is not None and not 1e-6 < value < 1e6:
             raise InputError(f"{value:g}", key=key, allowed="a number from 1e-6 to 1e6")
+    flat = stated_view(views, on_glass)
     boards = fit_boards(
-        views, image_size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm
-    )
-    flat = stated_view(boards, on_glass)
+        views, image_size, model=model, expect_focal_px=expect_focal_px, expect_distance_mm=expect_distance_mm,
+        on_glass=flat - 1 if flat else None,
+    )  # fmt: skip
     card = None if square is None else _square(square, square_side_mm, square_colour, boards.calibration)
     calibration = _complete(boards, pictures, card, square_side_mm, flat)
     return CalibrationFit(calibration=calibration, boards=boards, pictures=pictures, square=card)

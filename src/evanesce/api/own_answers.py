@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from evanesce.core.errors import InputError
 from evanesce.measurement.calibration.model import Calibration
+from evanesce.rig.explain import scene_keys
 
 GIVEN = "given"
 FINGERS = ("smooth", "ball", "ridged", "print", "pad")
@@ -15,6 +17,29 @@ FINGERS = ("smooth", "ball", "ridged", "print", "pad")
 def is_given(answer: Any) -> bool:
     """Return whether an answer is one: 0 is, an empty text or a flag that is not set is none."""
     return answer is not None and answer is not False and answer != "" and answer != {}
+
+
+def check_number(key: str, value: Any) -> None:
+    """Refuse a number outside the range of a scene's key.
+
+    Parameters
+    ----------
+    key : str
+        Dotted.
+    value : object
+        What is no number is left to the scene.
+
+    Raises
+    ------
+    InputError
+    """
+    known = scene_keys().get(key)
+    if known is None or known.quantity is None:
+        return
+    low, high = known.quantity.bounds
+    for one in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(one, int | float) and not low <= one <= high:
+            raise InputError(f"{one:g} is out of range", file="init", key=key, allowed=str(known.quantity))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,8 +164,9 @@ class Changes:
     notes: list[str] = field(default_factory=list)
 
     def known(self, key: str, value: Any, source: str = GIVEN) -> None:
-        """Replace a key by a figure that is given or published."""
+        """Replace a key by a figure that is given or published, and check it: others may be computed from it."""
         if value is not None:
+            check_number(key, value)
             self.values[key], self.sources[key] = value, source
 
     def assumed(self, key: str, value: Any, why: str) -> None:

@@ -11,9 +11,11 @@ from evanesce.measurement.calibration.model import Calibration
 from evanesce.optics.projection import Projection
 from evanesce.rig import Camera, Plate, Scene
 from evanesce.rig.catalogue import CAMERAS, chosen
+from evanesce.rig.explain import scene_keys
 
 if TYPE_CHECKING:
     from evanesce.api.own_answers import Changes, RigAnswers
+    from evanesce.rig.card import Cards
 
 UNKNOWN_LENS = "not known: calibrate the camera"
 LEAST_SQUARE_PX = 8.0
@@ -39,14 +41,13 @@ def camera_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
         _part(answers.camera, answers, found)
     if answers.resolution_px is not None:
         cols, rows = answers.resolution_px
+        found.known("camera.resolution_px", [cols, rows])
     if answers.camera is not None and answers.resolution_px is not None and answers.pixel_um is None:
         _says_crop(answers.camera, (cols, rows), found)
-    pitch = pitch if answers.pixel_um is None else answers.pixel_um
-    focal = focal if answers.focal_mm is None else answers.focal_mm
-    if answers.resolution_px is not None:
-        found.known("camera.resolution_px", [cols, rows])
     found.known("camera.pixel.pitch_um", answers.pixel_um)
     found.known("camera.lens.focal_length_mm", answers.focal_mm)
+    pitch = pitch if answers.pixel_um is None else answers.pixel_um
+    focal = focal if answers.focal_mm is None else answers.focal_mm
     found.known("camera.lens.f_number", answers.f_number)
     if answers.camera is not None or answers.focal_mm is not None:
         found.values["camera.lens.distortion"] = {}
@@ -110,10 +111,16 @@ def _scale(scene: Scene, answers: RigAnswers, cols: int, focal_px: float, found:
     given = [name for name, value in ways.items() if value is not None]
     if len(given) > 1:
         raise InputError(f"is given beside {given[0]}", key=given[1], allowed="one of them")
-    for name, value in ways.items():
-        if value is not None and not 0.0 < value < 1e5:
-            raise InputError(f"{value:g}", key=name, allowed="above 0, to 100000")
     camera, plate = scene.camera, scene.plate
+    deep = plate.thickness_mm / plate.refractive_index
+    low, high = _bounds("camera.scale_px_per_mm")
+    for name, value, least, most, unit in (
+        ("scale_px_per_mm", answers.scale_px_per_mm, low, high, "px/mm"),
+        ("field_mm", answers.field_mm, cols / high, cols / low, "mm"),
+        ("distance_mm", answers.distance_mm, max(focal_px / high - deep, 0.0), focal_px / low - deep, "mm"),
+    ):
+        if value is not None and not least <= value <= most:
+            raise InputError(f"{value:g} is out of range", key=name, allowed=f"{least:.3g} to {most:.3g} {unit}")
     if answers.scale_px_per_mm is not None:
         found.known("camera.scale_px_per_mm", answers.scale_px_per_mm)
     elif answers.field_mm is not None:
@@ -121,13 +128,18 @@ def _scale(scene: Scene, answers: RigAnswers, cols: int, focal_px: float, found:
             "camera.scale_px_per_mm", _four(cols / answers.field_mm), f"field {answers.field_mm:g} mm wide, given"
         )
     elif answers.distance_mm is not None:
-        deep = answers.distance_mm + plate.thickness_mm / plate.refractive_index
         source = f"lens {answers.distance_mm:g} mm below the plate, given, and its focal length"
-        found.known("camera.scale_px_per_mm", _four(focal_px / deep), source)
+        found.known("camera.scale_px_per_mm", _four(focal_px / (answers.distance_mm + deep)), source)
     elif cols != camera.resolution_px[0]:
         width = camera.resolution_px[0] / camera.scale_px_per_mm
         found.assumed("camera.scale_px_per_mm", _four(cols / width), f"keeps the preset's field, {width:.4g} mm wide")
         found.notes.append(f"scale is not given: the frame is taken to be {width:.4g} mm wide, as the preset's")
+
+
+def _bounds(key: str) -> tuple[float, float]:
+    quantity = scene_keys()[key].quantity
+    assert quantity is not None
+    return quantity.bounds
 
 
 def _four(value: float) -> float:
@@ -165,6 +177,19 @@ def _calibrated(
         found.known(f"camera.lens.distortion.{key}", value, f"{name}, less the plate's refraction")
     found.notes = [note for note in found.notes if not note.startswith("distortion")]
     found.notes.append(f"camera from {name}: the scene's geometry is within {left:.2g} px RMS of it over the frame")
+    if calibration.mm2_per_px is None and len(calibration.details.get("distinct_views", ())) > 1:
+        found.notes.append(_flattest_note(calibration))
+
+
+def _flattest_note(calibration: Calibration) -> str:
+    """Say which of several pictures the scale comes from: only one that lay on the glass tells it."""
+    details = calibration.details
+    stated = "stated" if details.get("on_glass_view") else "the flattest"
+    slope = 100 * (details["flat_view_depth_spread"] - 1)
+    return (
+        f"scale from {details['flat_view']}, {stated} of {len(details['distinct_views'])} pictures (distance to the"
+        f" lens differs by {slope:.2g} % across it): right only if that board lay on the glass"
+    )
 
 
 def calibrated_camera(
@@ -258,6 +283,7 @@ def card_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
     if answers.board_squares is not None:
         found.known("card.checkerboard_squares", list(answers.board_squares))
     found.known("card.checkerboard_side_mm", answers.board_square_mm)
+    _board(card, answers, found)
     found.known("card.square_side_mm", answers.square_mm)
     if answers.board_inverted:
         found.known("card.checkerboard_inverted", answers.board_inverted, "seen on the board's picture")
@@ -275,3 +301,31 @@ def card_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
         else:
             fits = float(f"{0.6 * field:.1g}") if field < 10 else float(round(0.6 * field))
             found.assumed("card.square_side_mm", max(fits, 0.5), "fits the frame")
+
+
+def _board(card: Cards, answers: RigAnswers, found: Changes) -> None:
+    """Hold the board against what the calibration's pictures show; take from them what is not given."""
+    from evanesce.bundle.board import calibrated_boards, other_card, squares_shown
+
+    calibration = answers.calibration
+    boards = [] if calibration is None else calibrated_boards(calibration)
+    if calibration is None or not boards:
+        return
+    if answers.board_square_mm is None:
+        found.known("card.checkerboard_side_mm", boards[0].side_mm, answers.calibration_name)
+    card = card.model_copy(update={"checkerboard_side_mm": boards[0].side_mm})
+    if answers.board_squares is not None:
+        card = card.model_copy(update={"checkerboard_squares": answers.board_squares})
+    why = other_card(boards, card)
+    if why is None:
+        return
+    if answers.board_squares is not None:
+        raise InputError(
+            why.replace("the scene's card has", "given are"), key="board_squares", allowed="squares of that board, WxH"
+        )
+    shown = squares_shown(calibration)
+    found.assumed("card.checkerboard_squares", list(shown), "as many as the pictures show")
+    found.notes.append(
+        f"the checkerboard is taken to have {shown[0]} x {shown[1]} squares, as many as the pictures show; --board"
+        " tells of a larger one"
+    )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from evanesce.api.camera import Camera
-from evanesce.core.errors import WorkError
+from evanesce.core.errors import InputError, WorkError
 from evanesce.optics.led import led_positions, led_powers
 from evanesce.optics.led_circuit import segment_current
 from evanesce.optics.projection import Projection
@@ -110,12 +110,21 @@ def exposed(scene: Scene) -> tuple[Scene, float]:
 
     Raises
     ------
+    InputError
+        If the supply's voltage is too low for the LEDs.
     WorkError
-        If the contact sends no light to the camera.
+        If the contact sends no light to the camera for another reason.
     """
     level, exposure = contact_level(scene)
     if level <= 0.0:
-        raise WorkError("the contact sends no light to the camera (allowed: LEDs above their forward voltage)")
+        circuit, volts = scene.leds.circuit, scene.leds.voltage_V
+        series = circuit.leds_per_segment * circuit.forward_voltage_V
+        if volts < series:
+            raise InputError(
+                f"{volts:g}: the contact sends no light to the camera", file="init", key="leds.voltage_V",
+                allowed=f"about {series:.3g} V or more, {circuit.leds_per_segment} LEDs in series",
+            )  # fmt: skip
+        raise WorkError("the contact sends no light to the camera")
     wanted = exposure * LEVEL / level
     longest = 1e3 / scene.press.frame_rate_hz
     time = float(f"{min(max(wanted, 0.001), longest):.3g}")

@@ -6,8 +6,8 @@ from evanesce.api.own_answers import FINGERS, Changes, RigAnswers
 from evanesce.core.errors import InputError
 from evanesce.rig import Scene, load_scene
 
-PAD_RADIUS_MM = 60.0
-"""Tip of a pad: flat faces are not simulated."""
+PAD_RADIUS = 2.0
+"""Radius of a pad's tip over its diameter: the bluntest tip of a scene, as flat faces are not simulated."""
 
 
 def finger_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
@@ -26,10 +26,9 @@ def finger_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
         found.values |= {"finger.ridges": None, "finger.fingerprint": None, "finger.height_map": None}
     radius = answers.tip_radius_mm
     if kind == "pad" and radius is None:
-        found.assumed("finger.tip_radius_mm", PAD_RADIUS_MM, "a pad: flat faces are not simulated, a blunt tip is")
-        found.notes.append(
-            f"a flat pad is simulated as a ball of {PAD_RADIUS_MM:g} mm radius: contact grows from its middle"
-        )
+        blunt = PAD_RADIUS * scene.finger.diameter_mm
+        found.assumed("finger.tip_radius_mm", blunt, "a pad: flat faces are not simulated, a blunt tip is")
+        found.notes.append(f"a flat pad is simulated as a ball of {blunt:g} mm radius: contact grows from its middle")
     if radius is not None:
         found.known("finger.tip_radius_mm", radius)
         if kind != "pad":

@@ -35,6 +35,8 @@ class DarkSeries:
         [DN].
     spatial_DN2 : ndarray (n,), optional
         Variance over the pixels of the mean frame, where ``variance_DN2`` is that in time alone [DN^2].
+    analogue_gain : float
+        At which it was filmed [1].
     """
 
     name: str
@@ -43,6 +45,7 @@ class DarkSeries:
     variance_DN2: Floats
     mean_DN: Floats | None = None
     spatial_DN2: Floats | None = None
+    analogue_gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -185,10 +188,11 @@ def acceleration(low: DarkSeries, high: DarkSeries) -> Acceleration:
     WorkError
         If the two series share no level of excess variance, or the warmer does not grow faster.
     """
-    excess_low = low.variance_DN2[1:] - low.variance_DN2[0]
-    excess_high = np.maximum.accumulate(high.variance_DN2[1:] - high.variance_DN2[0])
+    at_low, at_high = (one.variance_DN2 / one.analogue_gain**2 for one in (low, high))
+    excess_low = at_low[1:] - at_low[0]
+    excess_high = np.maximum.accumulate(at_high[1:] - at_high[0])
     # Levels below a tenth of the variance without exposure are within its own error.
-    shared = (excess_low > max(0.1 * low.variance_DN2[0], excess_high[0])) & (excess_low < excess_high[-1])
+    shared = (excess_low > max(0.1 * at_low[0], excess_high[0])) & (excess_low < excess_high[-1])
     if shared.sum() < 3:
         pair = f"{low.temperature_C:g} and {high.temperature_C:g} degC"
         raise WorkError(f"{low.name}: {pair} share no levels of dark variance")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import WorkError
-from evanesce.measurement.calibration.corners import find_corners
+from evanesce.measurement.calibration.corners import CornerGrid, find_corners
 from evanesce.measurement.calibration.model import Calibration
 from evanesce.rig import Scene
 from evanesce.rig.card import Cards
@@ -101,11 +101,30 @@ def seen_board(picture: NDArray[np.uint8], name: str, to_plate: ToPlate) -> Seen
         for other in (at.get((i + 1, j)), at.get((i, j + 1)))
         if other is not None
     ]
+    return board_of(grid, picture.shape, name, float(np.median(sides)))
+
+
+def board_of(grid: CornerGrid, shape: tuple[int, ...], name: str, side_mm: float) -> SeenBoard:
+    """Return the board of a picture's corners.
+
+    Parameters
+    ----------
+    grid : CornerGrid
+    shape : tuple of int
+        Rows, columns of the picture.
+    name : str
+    side_mm : float
+        Of a square.
+
+    Returns
+    -------
+    SeenBoard
+    """
+    position = grid.fit.position
     beyond = WHOLE_MARGIN * np.abs(grid.lattice).sum(axis=2)  # of both steps, along x and y of the picture
-    rows, cols = picture.shape[:2]
-    inside = (position - beyond >= 0).all() and (position + beyond <= [cols - 1, rows - 1]).all()
+    inside = (position - beyond >= 0).all() and (position + beyond <= [shape[1] - 1, shape[0] - 1]).all()
     lines = sorted((_lines(grid.index[:, 0]), _lines(grid.index[:, 1])), reverse=True)
-    return SeenBoard(name, (lines[0], lines[1]), float(np.median(sides)), bool(inside))
+    return SeenBoard(name, (lines[0], lines[1]), side_mm, bool(inside))
 
 
 def calibrated_boards(calibration: Calibration) -> list[SeenBoard]:
@@ -120,24 +139,58 @@ def calibrated_boards(calibration: Calibration) -> list[SeenBoard]:
     list of SeenBoard
         Sides as they were stated to it.
     """
-    views: dict[Any, list[tuple[float, float]]] = {}
-    try:
-        for corner in calibration.details.get("corners", ()):
-            place = (float(corner["world_x_mm"]), float(corner["world_y_mm"]))
-            views.setdefault(corner["view"], []).append(place)
-    except (KeyError, TypeError, ValueError):
-        return []
     found = []
-    for view, places in views.items():
-        world = np.array(places)
+    for view, (world, image) in _corners_of_views(calibration).items():
         steps = np.concatenate([np.diff(np.unique(np.round(world[:, k], 6))) for k in (0, 1)])
         if not steps.size:
             continue
         side = float(np.median(steps))
         index = np.round(world / side).astype(int)
         lines = sorted((_lines(index[:, 0]), _lines(index[:, 1])), reverse=True)
-        found.append(SeenBoard(f"view {view} of the calibration", (lines[0], lines[1]), side))
+        whole = _ends_within(world, image, side, calibration.image_size)
+        found.append(SeenBoard(f"view {view} of the calibration", (lines[0], lines[1]), side, whole))
     return found
+
+
+def squares_shown(calibration: Calibration) -> tuple[int, int]:
+    """Return the most columns and rows of squares that a picture of a calibration shows.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of pictures of a board, see :func:`calibrated_boards`.
+
+    Returns
+    -------
+    tuple of int
+    """
+    worlds = [world for world, _ in _corners_of_views(calibration).values()]
+    counts = [[_lines(np.unique(world[:, k], return_inverse=True)[1]) for k in (0, 1)] for world in worlds]
+    across, down = np.max(counts, axis=0) + 1
+    return int(across), int(down)
+
+
+def _corners_of_views(calibration: Calibration) -> dict[Any, tuple[Array, Array]]:
+    """Return the corners by view, on the board [mm] and in the picture [px], each (n, 2); empty without a list."""
+    keys = ("world_x_mm", "world_y_mm", "image_x_px", "image_y_px")
+    views: dict[Any, list[list[float]]] = {}
+    try:
+        for corner in calibration.details.get("corners", ()):
+            views.setdefault(corner["view"], []).append([float(corner[key]) for key in keys])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    return {view: (np.array(places)[:, :2], np.array(places)[:, 2:]) for view, places in views.items()}
+
+
+def _ends_within(world: Array, image: Array, side: float, size: tuple[int, int]) -> bool:
+    """Return whether a board ends within the frame all round, by its corners on it [mm] and in the picture [px]."""
+    homography, _ = cv2.findHomography(world, image)
+    if homography is None:
+        return False
+    low, high = world.min(axis=0) - WHOLE_MARGIN * side, world.max(axis=0) + WHOLE_MARGIN * side
+    rim = np.array([[[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]])
+    outline = cv2.perspectiveTransform(rim, homography)[0]
+    return bool((outline >= 0).all() and (outline <= np.array(size) - 1.0).all())
 
 
 def other_card(boards: Sequence[SeenBoard], card: Cards) -> str | None:

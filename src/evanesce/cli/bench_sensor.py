@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +54,8 @@ def sensor(
         list[float] | None, typer.Option("--temperature-C", help="One for each dark table, in their order.")
     ] = None,
     gain: Annotated[
-        float | None, typer.Option("--gain-e-per-DN", help="For dark tables alone, to give electrons.")
+        float | None,
+        typer.Option("--gain-e-per-DN", help="At analogue gain 1; for dark tables alone, to give electrons."),
     ] = None,
     scene: Annotated[
         str | None, typer.Option("--scene", help="Scene with this camera: its keys are written with these figures.")
@@ -84,14 +85,15 @@ def sensor(
     if black_level >= 2**bits:
         raise InputError(f"{black_level:g}", key="--black-level-DN", allowed=f"below {2**bits} DN")
     gains = _gains(analogue_gain, len(paths))
-    figures, of_file = _figures(paths, black_level, bits, mosaic and mosaic.upper(), _size(raw_size), temperature or [])
-    each = [gains[k] for k in of_file]
+    figures, each = _figures(
+        paths, gains, black_level, bits, mosaic and mosaic.upper(), _size(raw_size), temperature or []
+    )
     result = _summary(figures, each, gain)
     _print(figures, result)
     if terms:
         from evanesce.cli.bench_sensor_terms import lacking_terms
 
-        result["lacking"] = lacking_terms(figures.transfers, each, figures.dark, gains[-1], nominal)
+        result["lacking"] = lacking_terms(figures.transfers, each, figures.dark, nominal)
     folder = out_dir(out, "bench-sensor")
     _write(figures, folder)
     if loaded is not None:
@@ -119,10 +121,10 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _figures(
-    paths: Sequence[Path], black_DN: float, bits: int, mosaic: str | None, raw_size: tuple[int, int] | None,
-    temperatures: Sequence[float],
-) -> tuple[SensorFigures, list[int]]:  # fmt: skip
-    """Read and reduce every file; a folder is a stack. Return also the place of each photon transfer's file."""
+    paths: Sequence[Path], gains: Sequence[float], black_DN: float, bits: int, mosaic: str | None,
+    raw_size: tuple[int, int] | None, temperatures: Sequence[float],
+) -> tuple[SensorFigures, list[float]]:  # fmt: skip
+    """Read and reduce every file; a folder is a stack. Return also the analogue gain of each photon transfer."""
     from evanesce.bench import sensor as bench
     from evanesce.bench import sensor_tables
     from evanesce.bench.frame_stack import reduce_stack
@@ -139,36 +141,36 @@ def _figures(
             )  # fmt: skip
         with output.names_file(folders[0]):
             figures = bench.of_stack(rows, black_DN)
-        return figures, [0] * len(figures.transfers)
-    transfers, of_file, dark, left = [], [], [], list(temperatures)
-    for place, path in enumerate(paths):
+        dark = bench.of_dark([replace(one, analogue_gain=gains[0]) for one in figures.dark.series])
+        return replace(figures, dark=dark), [gains[0]] * len(figures.transfers)
+    transfers, each, series, left = [], [], [], list(temperatures)
+    for path, gain in zip(paths, gains, strict=True):
         if sensor_tables.is_transfer(path):
             for table in sensor_tables.read_transfer(path, 2**bits - 1).values():
                 with output.names_file(path):
                     one = bench.of_table(table, black_DN)
                 transfers.append(_renamed(one, path, len(paths)))
-                of_file.append(place)
+                each.append(gain)
         else:
-            dark += sensor_tables.read_dark(path, left.pop(0) if left else None)
+            found = sensor_tables.read_dark(path, left.pop(0) if left else None)
+            series += [replace(one, analogue_gain=gain) for one in found]
     if left:
         raise InputError(f"{len(left)} more than dark tables", key="--temperature-C", allowed="one for each dark table")
-    seen = {(one.name, one.temperature_C) for one in dark}
-    if len(seen) < len(dark):
+    seen = {(one.name, one.temperature_C) for one in series}
+    if len(seen) < len(series):
         raise InputError("two dark tables of one temperature", key="--temperature-C", allowed="one table for each")
     with output.names_file(paths[-1]):
-        return bench.SensorFigures(tuple(transfers), bench.of_dark(dark)), of_file
+        return bench.SensorFigures(tuple(transfers), bench.of_dark(series)), each
 
 
 def _renamed(one: Transfer, path: Path, files: int) -> Transfer:
-    from dataclasses import replace
-
     if files == 1:
         return one
     return replace(one, name=path.stem if one.name == "all" else f"{path.stem}: {one.name}")
 
 
 def _summary(figures: SensorFigures, gains: Sequence[float], gain: float | None) -> dict[str, Any]:
-    """Return the figures for JSON; electrons where the gain is known: dark series are taken to be of gain 1."""
+    """Return the figures for JSON; electrons where the gain is known."""
     mean_gain = gain
     if figures.transfers:
         own = [t.fit.gain_e_per_DN * g for t, g in zip(figures.transfers, gains, strict=True)]
@@ -185,10 +187,10 @@ def _summary(figures: SensorFigures, gains: Sequence[float], gain: float | None)
     ]  # fmt: skip
     dark = [
         {
-            "pixels": s.name, "temperature_C": s.temperature_C, **asdict(f),
-            "dark_current_from_mean_e_per_s": f.current_DN_per_s * scale,
-            "dark_current_from_variance_e_per_s": f.shot_DN2_per_s * scale**2,
-            "nonuniformity_e_per_s": f.nonuniformity_DN_per_s * scale,
+            "pixels": s.name, "temperature_C": s.temperature_C, "analogue_gain": s.analogue_gain, **asdict(f),
+            "dark_current_from_mean_e_per_s": f.current_DN_per_s * scale / s.analogue_gain,
+            "dark_current_from_variance_e_per_s": f.shot_DN2_per_s * (scale / s.analogue_gain) ** 2,
+            "nonuniformity_e_per_s": f.nonuniformity_DN_per_s * scale / s.analogue_gain,
         }
         for s, f in zip(figures.dark.series, figures.dark.fits, strict=True)
     ]  # fmt: skip

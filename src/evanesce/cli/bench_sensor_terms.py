@@ -20,9 +20,7 @@ LEAST_ROWS = 15
 """Rows of a series below which five stretches of it say nothing."""
 
 
-def lacking_terms(
-    transfers: Sequence[Transfer], gains: Sequence[float], dark: Dark, dark_gain: float, pixel: Pixel
-) -> dict[str, Any]:
+def lacking_terms(transfers: Sequence[Transfer], gains: Sequence[float], dark: Dark, pixel: Pixel) -> dict[str, Any]:
     """Return and print which terms the sensor model lacks, for photon transfer and for dark series.
 
     Parameters
@@ -31,8 +29,6 @@ def lacking_terms(
     gains : sequence of float
         Analogue gain of each.
     dark : Dark
-    dark_gain : float
-        Analogue gain of the dark series.
     pixel : Pixel
         Nominal.
 
@@ -47,7 +43,7 @@ def lacking_terms(
         If no series has fifteen rows.
     """
     data: Mapping[Kind, list[VarianceSeries]] = {
-        "transfer": _of_transfers(transfers, gains), "dark": _of_dark(dark, dark_gain)
+        "transfer": _of_transfers(transfers, gains), "dark": _of_dark(dark)
     }  # fmt: skip
     if not any(data.values()):
         raise InputError("no series of 15 rows", key="--terms", allowed=f"tables or stacks of {LEAST_ROWS} exposures")
@@ -83,14 +79,14 @@ def _of_transfers(transfers: Sequence[Transfer], gains: Sequence[float]) -> list
     return series
 
 
-def _of_dark(dark: Dark, gain: float) -> list[VarianceSeries]:
+def _of_dark(dark: Dark) -> list[VarianceSeries]:
     from evanesce.inference.sensor.law import VarianceSeries
 
     several = len({one.name for one in dark.series}) > 1
     return [
         VarianceSeries(
-            f"{one.name}, {one.temperature_C:g} degC", one.name, one.exposure_s, one.variance_DN2, gain,
-            one.temperature_C,
+            f"{one.name}, {one.temperature_C:g} degC", one.name, one.exposure_s, one.variance_DN2,
+            one.analogue_gain, one.temperature_C,
         )
         for one in dark.series
         if one.exposure_s.size >= LEAST_ROWS and not (several and one.name == "all")

@@ -37,7 +37,7 @@ def draw(folder: Path, fit: CalibrationFit) -> None:
         "corners": (plots.corners_figure(boards, picture), "Corners of that view, coloured as on a checkerboard."),
         "scale": (
             plots.scale_figure(boards.scale, boards, "local scale of the picture"),
-            "Local scale of the first view.",
+            f"Local scale of view {boards.distinct[boards.flat].name}, that on the glass or the flattest.",
         ),
         "scale_undistorted": (
             plots.scale_figure(boards.scale_undistorted, boards, "local scale after undistortion"),
@@ -108,7 +108,7 @@ def figures_of(calibration: Calibration) -> list[tuple[str, str]]:
         assumed = " (assumed)" if name in ("fx", "fy") and error is None else ""
         return f"{number:.{digits}f}" + (assumed if error is None else f" ± {error:.{digits}f}")
 
-    first = details["distinct_views"][0]
+    flat = details["flat_view"]
     rows = [
         ("views, of which distinct", f"{len(details['views'])}, {len(details['distinct_views'])}"),
         ("corners", f"{len(details['corners'])}"),
@@ -117,7 +117,7 @@ def figures_of(calibration: Calibration) -> list[tuple[str, str]]:
         *((n, value(k[i], n, 4)) for i, n in enumerate(("k1", "k2", "p1", "p2", "k3")) if n in errors),
         ("grid RMS on corners left out [px]", f"{details['grid_rms_px']:.3f}"),
         ("the same after undistortion [px]", f"{details['grid_rms_undistorted_px']:.3f}"),
-        (f"local scale of view {first}, median (min to max) [px/mm²]", _range(details["scale_px_per_mm2"])),
+        (f"local scale of view {flat}, median (min to max) [px/mm²]", _range(details["scale_px_per_mm2"])),
         ("the same after undistortion [px/mm²]", _range(details["scale_undistorted_px_per_mm2"])),
     ]
     if calibration.mm2_per_px is not None:

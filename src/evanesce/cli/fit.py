@@ -97,8 +97,10 @@ def _show(result: dict[str, Any]) -> None:
     console.print(escape(result["first_line"]))
     for reason in result["reasons"]:
         messages.print(escape(f"not good enough: {reason}"), style="yellow")
+    for remark in result["remarks"]:
+        messages.print(escape(f"left: {remark}"))
     for warning in result["warnings"]:
-        messages.print(escape(f"warning: {warning}"))
+        messages.print(escape(f"warning: {warning}"), style="yellow")
     table = Table(title="Figures that the bundle determines, with 90 % intervals", box=box.SIMPLE_HEAD)
     for heading in ("figure", "value", "from", "to", "unit", "nominal", "what"):
         table.add_column(heading, justify="left" if heading in ("figure", "unit", "what") else "right")
@@ -110,10 +112,14 @@ def _show(result: dict[str, Any]) -> None:
     not_told = [row["key"].removeprefix("effects.") for row in result["figures"] if not row["told"]]
     if not_told:
         console.print(escape(f"Not determined: {', '.join(not_told)}."), highlight=False)
-    areas = Table(title="Area against force", box=box.SIMPLE_HEAD)
-    for heading in ("force, N", "measured, mm^2", "nominal, mm^2", "calibrated, mm^2", "held out"):
+    areas = Table(
+        title="Area by the reference segmentation against force; last, the calibrated scene's contact itself",
+        box=box.SIMPLE_HEAD,
+    )
+    for heading in ("force, N", "measured, mm^2", "nominal, mm^2", "calibrated, mm^2", "held out", "contact, mm^2"):
         areas.add_column(heading, justify="right")
     for row in result["areas"]:
         values = [f"{row[key]:.2f}" for key in ("measured_mm2", "nominal_mm2", "calibrated_mm2")]
-        areas.add_row(f"{row['force_N']:g}", *values, "yes" if row["held_out"] else "")
+        contact = "" if row["contact_mm2"] is None else f"{row['contact_mm2']:.2f}"
+        areas.add_row(f"{row['force_N']:g}", *values, "yes" if row["held_out"] else "", contact)
     console.print(areas)

@@ -24,11 +24,13 @@ from evanesce.cli.common import (
 )
 from evanesce.cli.init_ask import Asked, ask, numbers, words
 from evanesce.cli.render import SetOption, parse_overrides
-from evanesce.core.errors import InputError
+from evanesce.core.errors import InputError, WorkError
 
 if TYPE_CHECKING:
     from evanesce.api.own_answers import RigAnswers
     from evanesce.api.own_exposure import RigFigures
+    from evanesce.measurement.calibration.board_images import BoardPictures
+    from evanesce.measurement.calibration.model import Calibration
     from evanesce.rig import Scene
 
 NAMES = "glass, low_iron_glass, pmma, pc"
@@ -122,6 +124,9 @@ def init(
     checkerboard: Annotated[
         list[Path] | None, typer.Option("--checkerboard", help="Pictures of the board on the glass, or a folder.")
     ] = None,
+    on_glass: Annotated[
+        TextOption, typer.Option(metavar="NAME", help="Picture whose board lay on the glass; else the flattest.")
+    ] = None,
     title: Annotated[TextOption, typer.Option(help="Of the scene.")] = None,
     settings: SetOption = None,
     force: Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")] = False,
@@ -151,7 +156,9 @@ def init(
     wants = asked or (nothing and calibration is None and not checkerboard and sys.stdin.isatty())
     found = ask(preset, given) if wants else Asked(preset, given, [])
     pictures = [*(checkerboard or []), *found.pictures]
-    answers = _answers(found, calibration, pictures)
+    if on_glass is not None and not pictures:
+        raise InputError("is given without pictures", key="--on-glass", allowed="with --checkerboard")
+    answers = _answers(found, calibration, pictures, on_glass)
     _write(path, answers, found.preset, json_file)
 
 
@@ -180,7 +187,7 @@ def _check_target(path: Path, force: bool) -> None:
         raise InputError("exists already", file=path, allowed="a new file, or --overwrite")
 
 
-def _answers(found: Asked, calibration: Path | None, pictures: list[Path]) -> RigAnswers:
+def _answers(found: Asked, calibration: Path | None, pictures: list[Path], on_glass: str | None) -> RigAnswers:
     """Return the answers with the camera's calibration, which is made here where pictures are given."""
     from evanesce.api.own_answers import RigAnswers
     from evanesce.measurement.calibration.model import load_calibration
@@ -195,21 +202,31 @@ def _answers(found: Asked, calibration: Path | None, pictures: list[Path]) -> Ri
     if not pictures:
         return answers
     from evanesce.api.calibrate import fit_calibration
-    from evanesce.cli.calibrate import _checkerboards, _find
+    from evanesce.cli.calibrate import _checkerboards
     from evanesce.measurement.calibration.board_print import print_of
 
     shown, side = _checkerboards(pictures, []), answers.board_square_mm
     if side is None:
         raise InputError("is not given", key="--board-square-mm", allowed="the side of the board's squares [mm]")
-    boards = _find(shown, side, None)
-    with named_options({"checker_side_mm": "--board-square-mm"}):
-        fit = fit_calibration(boards.views, boards.image_size, pictures=boards)
-    name = f"{len(pictures)} picture(s) of the checkerboard, squares of {side:g} mm"
+    boards = _found(shown, side)
+    with named_options({"checker_side_mm": "--board-square-mm", "on_glass": "--on-glass"}):
+        fit = fit_calibration(boards.views, boards.image_size, pictures=boards, on_glass=on_glass)
+    name = f"{len(boards.views)} picture(s) of the checkerboard, squares of {side:g} mm"
     squares = answers.board_squares
     black = None if squares is None else print_of(boards.views, boards.frames, side, squares)
     return dataclasses.replace(
         answers, calibration=fit.calibration, calibration_name=name, board_square_mm=side, board_inverted=black
     )
+
+
+def _found(pictures: list[Path], side: float) -> BoardPictures:
+    from evanesce.cli.calibrate import _find
+
+    try:
+        return _find(pictures, side, None)
+    except WorkError as error:  # no board in any: what was given is no picture of one
+        where = str(pictures[-1].parent / str(error)) if str(error).startswith(pictures[-1].name) else str(error)
+        raise InputError(where, key="--checkerboard", allowed="pictures of the board on the glass") from None
 
 
 def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None) -> None:
@@ -231,7 +248,7 @@ def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None)
         found = figures(scene)
     copy_scene_files(scene, path.parent)
     write_text(path, commented(scene, rig.heading))
-    warnings = found.warnings()
+    warnings = [*_of_calibration(answers.calibration), *found.warnings()]
     record = dataclasses.asdict(found) | {
         "scene": scene.as_dict(), "notes": list(rig.notes), "warnings": warnings,
         "provenance": provenance.record(config=scene.as_dict(), preset=preset),
@@ -239,6 +256,12 @@ def _write(path: Path, answers: RigAnswers, preset: str, json_file: Path | None)
     write_json(json_file, record)
     given = rig.changed | ({"camera.exposure_ms"} if automatic else set())
     _show(path, scene, found, preset, [*rig.notes, *_kept(scene, given, preset), *_of_preset(preset)], warnings)
+
+
+def _of_calibration(calibration: Calibration | None) -> list[str]:
+    """Return what a calibration warns of: pictures left out, views too alike."""
+    said = [] if calibration is None else calibration.details.get("warnings", [])
+    return [f"calibration: {one['code']}: {one['text']}" for one in said]
 
 
 def _kept(scene: Scene, given: frozenset[str], preset: str) -> list[str]:

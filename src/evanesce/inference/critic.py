@@ -168,7 +168,7 @@ class Start:
     def notes(self) -> tuple[str, ...]:
         """To be read before probabilities are believed."""
         told = f"{self.codec} or so left {100 * self.kept:.0f} % of the camera's noise: {SILENT_WORDS}"
-        return tuple(note for note in (self.gate.note, told if self.kept < SILENT else "") if note)
+        return tuple(n for n in (*self.gate.odd, self.gate.note, told if self.kept < SILENT else "") if n)
 
     def with_noise(self, variance: float, rows: Array) -> Start:
         """Return the nominal fit where all noise has another variance, and some rows more are noise.

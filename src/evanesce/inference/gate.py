@@ -12,49 +12,24 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from evanesce.bundle.board import board_of, other_card
 from evanesce.core.errors import EvanesceError
 from evanesce.inference.card_start import board_inverted, card_start
 from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, ODD_LEVEL
-from evanesce.measurement.calibration.corners import find_corners
-from evanesce.optics.projection import Projection
+from evanesce.inference.odd_presses import odd_presses
+from evanesce.inference.patch import Patch, PlateReader
+from evanesce.measurement.calibration.corners import CornerGrid, find_corners
 from evanesce.prediction.observe import Observation
 from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import View
-from evanesce.rig import Scene
 
 Array = NDArray[Any]
 
 VERSION = 1
 """Of the answer's form."""
 CORNERS = "checkerboard with corner squares (0 white, 1 black: set card.checkerboard_inverted)"
-AREA, AXES = "contact area", "ratio of the contact's axes"
-
-HALF = 0.5
-"""Share of a contact's own light above which a pixel counts to it: no absolute level, so that light makes no area."""
-LEAST_CONTRAST_DN = 5.0
-
-
-@dataclass(frozen=True)
-class Patch:
-    """The contact of one frame.
-
-    Attributes
-    ----------
-    area_mm2 : float
-    axes : float
-        Ratio of the axes of the ellipse of equal second moments, at least 1.
-    centre_mm : tuple of float
-        On the plate (x, y) [mm].
-    level_DN : float
-        Median within.
-    """
-
-    area_mm2: float
-    axes: float
-    centre_mm: tuple[float, float]
-    level_DN: float
+AREA, AXES, LEVEL = "contact area", "ratio of the contact's axes", "level of the contact"
 
 
 @dataclass(frozen=True)
@@ -99,6 +74,8 @@ class Gate:
     start: dict[str, float]
     light: float = 1.0
     """Of the contact, measured over predicted [1]."""
+    odd: tuple[str, ...] = ()
+    """Presses that contradict each other, see :mod:`evanesce.inference.odd_presses`."""
 
     @property
     def gross(self) -> tuple[Line, ...]:
@@ -196,7 +173,16 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
     }
     # far from the believed light, the fit starts at what is seen
     bright = {"@light": float(np.log(light))} if _beyond(light, ODD_LEVEL) else {}
-    return Gate(tuple(lines), poses | bright | card_start(observation, coarse), light)
+    odd = _odd(observation, plate)
+    return Gate(tuple(lines), poses | bright | card_start(observation, coarse), light, tuple(odd))
+
+
+def _odd(observation: Observation, plate: PlateReader) -> list[str]:
+    """Return which of the open presses contradict each other."""
+    presses = [k for k, v in enumerate(observation.views) if v.kind == "press" and not v.locked and v.force_N]
+    read = [(observation.views[k], plate.patch(observation.images[k])) for k in presses]
+    shown = [(view, patch) for view, patch in read if patch is not None]
+    return odd_presses([view for view, _ in shown], [patch for _, patch in shown])
 
 
 def _press_views(views: Sequence[View]) -> list[int]:
@@ -206,36 +192,6 @@ def _press_views(views: Sequence[View]) -> list[int]:
         if view.kind == "press" and not view.locked and view.force_N:
             seen.setdefault((view.force_N, view.voltage_V), k)
     return [k for _, k in sorted(seen.items(), reverse=True)][:6]
-
-
-class PlateReader:
-    """Reads contacts from frames, in millimetres on the plate."""
-
-    def __init__(self, scene: Scene) -> None:
-        projection = Projection.of(scene.camera, scene.plate)
-        cols, rows = scene.camera.resolution_px
-        u, v = np.meshgrid(np.arange(cols, dtype=float), np.arange(rows, dtype=float))
-        self.x, self.y = projection.to_plate(u, v)
-        across = np.gradient(self.x, axis=1) * np.gradient(self.y, axis=0)
-        self.pixel_mm2 = np.abs(across - np.gradient(self.x, axis=0) * np.gradient(self.y, axis=1))
-
-    def patch(self, image: Array) -> Patch | None:
-        """Return the largest bright patch above half its own light; None where there is none."""
-        smooth = ndimage.gaussian_filter(np.asarray(image, float), 1.0)
-        dark, bright = np.median(smooth), np.quantile(smooth, 0.995)
-        if bright - dark < LEAST_CONTRAST_DN:
-            return None
-        labels, count = ndimage.label(smooth > dark + HALF * (bright - dark))
-        if not count:
-            return None
-        sizes = ndimage.sum_labels(self.pixel_mm2, labels, np.arange(1, count + 1))
-        inside = labels == 1 + int(np.argmax(sizes))
-        weight = self.pixel_mm2[inside]
-        x, y = self.x[inside], self.y[inside]
-        mx, my = np.average(x, weights=weight), np.average(y, weights=weight)
-        moments = np.cov(np.stack([x, y]), aweights=weight)
-        small, large = np.maximum(np.linalg.eigvalsh(moments), 1e-9)
-        return Patch(float(weight.sum()), float(np.sqrt(large / small)), (float(mx), float(my)), float(bright))
 
 
 def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], dict[str, float], float]:
@@ -254,7 +210,7 @@ def _contact_lines(pairs: Sequence[tuple[Patch, Patch]]) -> tuple[list[Line], di
         Line(AREA, "mm^2", *both(lambda q: q.area_mm2), gross=_beyond(ratio, GROSS_AREA)),
         Line(AXES, "", *both(lambda q: q.axes), gross=axes > GROSS_AXES),
         Line(
-            "level of the contact",
+            LEVEL,
             "DN",
             *both(lambda q: q.level_DN),
             gross=False,
@@ -286,24 +242,31 @@ def _board_lines(observation: Observation, coarse: Predictor) -> list[Line]:
     place = next((k for k, v in enumerate(observation.views) if v.kind == "checkerboard"), None)
     if place is None:
         return []
-    side = observation.scene.card.checkerboard_side_mm
+    card = observation.scene.card
+    side = card.checkerboard_side_mm
     cols = observation.scene.camera.resolution_px[0]
-    pitches = [_pitch(image) for image in (observation.images[place], coarse.image({}, place))]
-    if any(p is None for p in pitches):
+    grids = [_corners(image) for image in (observation.images[place], coarse.image({}, place))]
+    if grids[0] is None or grids[1] is None:
         return []
-    measured, predicted = (float(p) for p in pitches if p is not None)
+    measured, predicted = (float(np.median(np.linalg.norm(grid.lattice, axis=1))) for grid in grids if grid is not None)
     gross = _beyond(measured / predicted, 1.0 + GROSS_FIELD)
+    board = board_of(grids[0], observation.images[place].shape, "", side)
+    counts = zip(("longer", "shorter"), board.corners, sorted(card.checkerboard_squares, reverse=True), strict=True)
+    other = other_card([board], card) is not None
     return [
         Line("pitch of the checkerboard", "px", measured, predicted, gross=False),
         Line("field of view", "mm", cols * side / measured, cols * side / predicted, gross=gross),
+        *(
+            Line(f"squares on the checkerboard's {which} side", "", seen + 1.0, float(believed), gross=other)
+            for which, seen, believed in counts
+        ),
     ]
 
 
-def _pitch(image: Array) -> float | None:
-    """Return the median distance of neighbouring corners [px]; None where no board is found."""
+def _corners(image: Array) -> CornerGrid | None:
+    """Return the checkerboard's corners; None where no board is found."""
     whole = np.clip(np.round(image), 0, 255).astype(np.uint8)
     try:
-        grid = find_corners(whole)
+        return find_corners(whole)
     except EvanesceError:
         return None
-    return float(np.median(np.linalg.norm(grid.lattice, axis=1)))

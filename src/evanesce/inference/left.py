@@ -109,13 +109,23 @@ class Left:
         """Whether it is more than noise."""
         return min(self.p_value, self.periodic.p_value, self.bands.p_value) < LEFT
 
+    @property
+    def size(self) -> float:
+        """Root mean square of what is more than noise, or the amplitude of stripes or bands; over the light or [DN]."""
+        known = np.isfinite(self.map) & np.isfinite(self.sd) & (self.sd > 0)
+        weight = self.sd[known] ** -2.0
+        square = float(np.sum(weight * self.map[known] ** 2 - 1.0) / np.sum(weight)) if weight.size else 0.0
+        parts = [float(np.sqrt(max(square, 0.0)))]
+        parts += [part.amplitude for part in (self.periodic, self.bands) if part.p_value < LEFT]
+        return max(parts)
+
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form, without the maps."""
         names = [n for n in self.__dataclass_fields__ if n not in ("map", "sd", "periodic", "bands")]
         found = {name: getattr(self, name) for name in names}
         found = {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in found.items()}
         structures = {"periodic": vars(self.periodic), "bands": vars(self.bands)}
-        return found | {"found": self.found, "place_mm": list(self.place_mm)} | structures
+        return found | {"found": self.found, "size": self.size, "place_mm": list(self.place_mm)} | structures
 
     def sentence(self) -> str:
         """Return what it looks like."""

@@ -29,8 +29,8 @@ class Distortion(Strict):
 class Lens(Strict):
     """Thin lens behind a pinhole model of its perspective."""
 
-    focal_length_mm: float = field(6.0, unit="mm", bounds=(0.5, 200.0), doc="not published")
-    f_number: float = field(2.8, unit="1", bounds=(0.7, 64.0), doc="not published")
+    focal_length_mm: float = field(6.0, unit="mm", bounds=(0.5, 200.0), doc="focal length; not published")
+    f_number: float = field(2.8, unit="1", bounds=(0.7, 64.0), doc="focal length over aperture; not published")
     transmittance: float = field(0.9, unit="1", bounds=(0.01, 1.0))
     defocus_um: float = field(
         0.0, unit="um", bounds=(-2000.0, 2000.0), null=0.0, doc="sensor plane behind best focus, on the axis"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from evanesce.core.errors import InputError
 from evanesce.core.quantities import Strict
 from evanesce.rig import height_map, spectrum_file
+from evanesce.rig.beside import INSIDE
 from evanesce.rig.leds import SPECTRA, circuit_defaults
 from evanesce.rig.load import validate
 from evanesce.rig.scene import Scene
@@ -54,8 +56,8 @@ def changed(scene: Scene, changes: Mapping[str, Any], *, file: str = "Scene.with
             data[name] = {key: text for key, text in data[name].items() if not _affected(tuple(key.split(".")), paths)}
     found = validate(Scene, data, file)
     if _affected(SPECTRUM, paths):
-        found = _with_spectrum_located(found)
-    return _with_map_located(found) if _affected(HEIGHT_MAP, paths) else found
+        found = _with_spectrum_located(found, file)
+    return _with_map_located(found, file) if _affected(HEIGHT_MAP, paths) else found
 
 
 def merged(data: dict[str, Any], changes: Mapping[str, Any], file: str) -> dict[str, Any]:
@@ -119,17 +121,18 @@ def _forget_type(leds: dict[str, Any]) -> list[str]:
     return forgotten
 
 
-def _with_spectrum_located(scene: Scene) -> Scene:
+def _with_spectrum_located(scene: Scene, whose: str) -> Scene:
     """Return the scene with its spectrum file's digest; a relative name counts from the working folder."""
     leds = scene.leds
     if leds.spectrum in SPECTRA:
         return scene
     file = Path(leds.spectrum).absolute()
     named = scene.model_copy(update={"leds": leds.model_copy(update={"spectrum": file.name})})
-    return spectrum_file.located(named, file.parent / "scene")
+    with _given(leds.spectrum, whose):
+        return spectrum_file.located(named, file.parent / "scene")
 
 
-def _with_map_located(scene: Scene) -> Scene:
+def _with_map_located(scene: Scene, whose: str) -> Scene:
     """Return the scene with its height map's digest; a relative name counts from the working folder."""
     skin = scene.finger.height_map
     if skin is None:
@@ -137,4 +140,16 @@ def _with_map_located(scene: Scene) -> Scene:
     file = Path(skin.file).absolute()
     named = skin.model_copy(update={"file": file.name})
     finger = scene.finger.model_copy(update={"height_map": named})
-    return height_map.located(scene.model_copy(update={"finger": finger}), file.parent / "scene")
+    with _given(skin.file, whose):
+        return height_map.located(scene.model_copy(update={"finger": finger}), file.parent / "scene")
+
+
+@contextmanager
+def _given(name: str, whose: str) -> Iterator[None]:
+    """Let errors about a file name it as it was given: no scene's file stands beside it."""
+    try:
+        yield
+    except InputError as error:
+        what = error.what.replace(repr(Path(name).name), repr(name))
+        allowed = "an existing file" if error.allowed == INSIDE else error.allowed
+        raise InputError(what, file=whose, key=error.key, allowed=allowed) from None

@@ -119,7 +119,10 @@ class Scene(Strict):
                 f" (allowed: at most leds.pitch_mm = {self.leds.pitch_mm:g} mm)"
             )
         if self.finger.tip_radius_mm * 2 > self.finger.diameter_mm * 4:
-            raise ValueError("finger.tip_radius_mm is more than twice finger.diameter_mm: not a finger's tip")
+            raise ValueError(
+                f"finger.tip_radius_mm = {self.finger.tip_radius_mm:g} is no finger's tip"
+                f" (allowed: at most twice finger.diameter_mm, {2 * self.finger.diameter_mm:g} mm)"
+            )
         ridges = self.finger.ridges
         if ridges is not None and self.finger.height_map is not None:
             raise ValueError("finger.ridges and finger.height_map are both given (allowed: one of them)")

@@ -7,30 +7,32 @@ from typing import Any
 
 import numpy as np
 
+from evanesce.chain.simulate import solve_contact
+from evanesce.core.errors import InputError
 from evanesce.inference.answer import extended_scene
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.calibration.fit import Areas, RigFit
 from evanesce.inference.calibration.intervals import Interval
+from evanesce.inference.calibration.judgement import first_line, judged, warnings_of
 from evanesce.prediction.fine import in_pixels
+from evanesce.prediction.views import View
 from evanesce.rig import Scene
 from evanesce.rig.change import changed
 
 VERSION = 1
 """Of the answer's form."""
 
-GOOD_AREA_PERCENT = 2.0
-"""Mean error of held-out areas up to which a calibrated scene counts as good: a choice, not a published figure [%]."""
-GOOD_RESIDUAL = 2.0
-"""Residual over its standard deviation, root mean square of a kind of views, up to which it counts as good."""
-FAR_AWAY = 3.0
-"""Prior standard deviations from its nominal value beyond which a figure is doubted."""
-
 NUISANCES = {
     "@light": "light of LEDs, exposure and gain, logarithm of real over nominal",
     "@black": "black level within its rounding",
     "@noise": "noise before the tone curve, logarithm",
+    "@pose_x": "place of {} along x",
+    "@pose_y": "place of {} along y",
+    "@turn": "turn of {}",
+    "@card_light": "light on {}, logarithm of real over nominal",
+    "@card_slope_x": "fall of the light across {} along x",
+    "@card_slope_y": "fall of the light across {} along y",
 }
-POSES = {"@pose_x": "place of the finger along x", "@pose_y": "place of the finger along y"}
 
 
 def result_of(found: RigFit) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def result_of(found: RigFit) -> dict[str, Any]:
     ----------
     found : RigFit
     """
-    reasons = reasons_of(found)
+    reasons, remarks = judged(found)
     rows = [_row(found, name, figure) for name, figure in found.figures.items()]
     rig = [row for row in rows if row["told"] and not row["nuisance"]]
     return {
@@ -49,10 +51,11 @@ def result_of(found: RigFit) -> dict[str, Any]:
         "first_line": first_line(found, len(rig), reasons),
         "good": not reasons,
         "reasons": reasons,
+        "remarks": remarks,
         "figures": [row for row in rows if not row["nuisance"]],
         "nuisances": [row for row in rows if row["nuisance"]],
         "not_fitted": [{"figure": name, "why": why} for name, why in found.left_out.items()],
-        "areas": areas_of(found.areas),
+        "areas": areas_of(found.areas, calibrated_scene(found)),
         "held_out": None if found.gain is None else found.gain.as_dict(),
         "residual_sd": found.by_kind,
         "own_error": {group: error.as_dict() for group, error in found.own_error.items()},
@@ -76,7 +79,8 @@ def _row(found: RigFit, name: str, figure: Interval) -> dict[str, Any]:
     if colon:
         what = FIGURES[effect].what
     else:
-        what = NUISANCES.get(name) or next((text for key, text in POSES.items() if name.startswith(key)), name)
+        nuisance, _, of = name.rstrip("]").partition("[")
+        what = NUISANCES.get(nuisance, name).format("the finger" if of.isdigit() else f"the {of}")
     return {
         "key": f"effects.{effect}.{own}" if colon else name, "what": what, "told": figure.told,
         "nuisance": not colon, "value": value, "lo": low, "hi": high, "unit": p.unit,
@@ -85,12 +89,20 @@ def _row(found: RigFit, name: str, figure: Interval) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def areas_of(areas: Areas) -> list[dict[str, Any]]:
-    """Return area against force, measured and simulated, as rows."""
+def areas_of(areas: Areas, scene: Scene) -> list[dict[str, Any]]:
+    """Return area against force as rows: read from measured and simulated frames, and of the contact itself.
+
+    Parameters
+    ----------
+    areas : Areas
+    scene : Scene
+        Calibrated.
+    """
     return [
         {
             "force_N": view.force_N, "held_out": view.locked, "measured_mm2": float(measured),
             "nominal_mm2": float(nominal), "calibrated_mm2": float(calibrated),
+            "contact_mm2": _contact_mm2(scene, view),
         }
         for view, measured, nominal, calibrated in zip(
             areas.views, areas.measured, areas.nominal, areas.calibrated, strict=True
@@ -98,60 +110,13 @@ def areas_of(areas: Areas) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def reasons_of(found: RigFit) -> list[str]:
-    """Return why the calibrated scene is not good enough as a twin of the rig; empty where it is."""
-    reasons = []
-    if found.gain is None:
-        reasons.append(
-            "no condition could be held out: nothing that the fit has not seen judges it; measure more forces"
-        )
-    elif not found.gain.area_percent[1] <= GOOD_AREA_PERCENT:
-        reasons.append(
-            f"areas of held-out conditions are off by {found.gain.area_percent[1]:.3g} % on average"
-            f" (good: up to {GOOD_AREA_PERCENT:g} %)"
-        )
-    if found.gain is not None and found.gain.worse:
-        reasons.insert(0, "areas of held-out conditions are farther off than by the nominal scene: keep that one")
-    for kind, size in found.by_kind.items():
-        if size > GOOD_RESIDUAL:
-            reasons.append(
-                f"frames of kind {kind} are left with {size:.2g} standard deviations (good: up to {GOOD_RESIDUAL:g})"
-            )
-    off = [error.sentence(group) for group, error in found.own_error.items() if error]
-    if off:
-        reasons.append(f"what no figure stands for is left, and was allowed for as an error of {', '.join(off)}")
-    if found.left.found:
-        reasons.append(f"there is {found.left.sentence()}: `evanesce criticise` seeks its cause")
-    for name, figure in found.figures.items():
-        if figure.told and abs(figure.away) > FAR_AWAY:
-            key = name.replace(":", ".")
-            reasons.append(
-                f"{key} is {abs(figure.away):.1f} prior standard deviations from nominal: check it by itself"
-            )
-    return reasons
-
-
-def warnings_of(found: RigFit) -> list[str]:
-    """Return what a reader has to know before believing the intervals."""
-    warnings = []
-    if not found.replicates:
-        warnings.append("no replicate frames: noise is the camera model's, and intervals may be too narrow")
-    kinds = {view.kind for view in found.start.model.data.views}
-    for kind, what in (("lens_cap", "dark frame"), ("checkerboard", "picture of the checkerboard")):
-        if kind not in kinds:
-            warnings.append(f"no {what}: what it would determine has a wider interval or none")
-    return warnings + ([found.reading] if found.reading else [])
-
-
-def first_line(found: RigFit, count: int, reasons: list[str]) -> str:
-    """Return the sentence that a reader needs if they read no other."""
-    words = f"{count} figures of the rig are determined"
-    if found.gain is not None:
-        before, after = found.gain.area_percent
-        words += f"; error of held-out areas {before:.3g} to {after:.3g} %"
-    if not reasons:
-        return f"{words}. The calibrated scene is good enough to stand for the rig."
-    return f"{words}. NOT good enough to stand for the rig: {reasons[0]}."
+def _contact_mm2(scene: Scene, view: View) -> float | None:
+    """Return the true area of a scene's contact under a view's force; None where the scene's law has no answer."""
+    try:
+        _, state = solve_contact(scene, float(view.force_N or 0.0), seed=0, time_s=view.time_s)
+    except InputError:
+        return None
+    return None if state is None else float(state.nominal_contact_area)
 
 
 def calibrated_scene(found: RigFit) -> Scene:

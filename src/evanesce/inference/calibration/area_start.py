@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from evanesce.inference.calibration.figures import FIGURES
 from evanesce.inference.causes import Cause
-from evanesce.inference.gate import PlateReader
 from evanesce.inference.gauss_newton import Prior, fit
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.patch import PlateReader
 from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]

@@ -31,12 +31,12 @@ from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
-from evanesce.inference.gate import PlateReader
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.left import Left, left_of
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.patch import PlateReader
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of

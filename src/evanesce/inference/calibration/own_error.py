@@ -58,16 +58,29 @@ class OwnError:
         """Return whether there is any."""
         return max(self.voltage, self.level_DN) > 0.0
 
-    def sentence(self, group: str) -> str:
+    def share(self, light_DN: float) -> float:
+        """Return the larger of its parts over the contact's light [1].
+
+        Parameters
+        ----------
+        light_DN : float
+            Of the contact [DN].
+        """
+        return max(self.voltage, self.level_DN / light_DN)
+
+    def sentence(self, group: str, light_DN: float | None = None) -> str:
         """Return it in words.
 
         Parameters
         ----------
         group : str
+        light_DN : float, optional
+            Of the contact, to compare with [DN].
         """
+        share = "" if light_DN is None else f", {100 * self.level_DN / light_DN:.2g} % of the contact's"
         parts = [
             f"{100 * self.voltage:.2g} % at other voltages" if self.voltage else "",
-            f"{self.level_DN:.2g} DN" if self.level_DN else "",
+            f"{self.level_DN:.2g} DN{share}" if self.level_DN else "",
         ]
         return f"light of {group}: " + ", ".join(part for part in parts if part)
 

@@ -14,6 +14,10 @@ from evanesce.inference.page import RANGE, residual_figure
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 MOST_FRAMES = 4
+AREAS = (
+    "Areas that the reference segmentation reads from measured and simulated frames alike. It reads the rim's light"
+    " with the contact; the contact itself, in the last column, is smaller."
+)
 GAP_SHARE = 0.1
 """Of the brightest level, at which colours of the difference end."""
 
@@ -36,8 +40,9 @@ def page(result: Mapping[str, Any], found: RigFit, name: str, provenance: Mappin
 
 def _judgement(result: Mapping[str, Any]) -> Section:
     text = [f"Not good enough: {reason}." for reason in result["reasons"]] or [
-        "Held-out areas, residuals of every kind of frame and what is left of all views give no reason for doubt."
+        "Held-out areas, residuals of every kind of frame and the light that is left give no reason for doubt."
     ]
+    text += [f"Left, too little to matter: {remark}." for remark in result["remarks"]]
     gain = result["held_out"]
     tables = []
     if gain is not None:
@@ -107,7 +112,7 @@ def area_figure(areas: Areas) -> Figure:
         at = np.argsort(force[known])
         below.plot(force[known][at], relative[at], style, marker=".", color=colour)
     below.axhline(0.0, color="black", linewidth=0.8)
-    above.set_ylabel("contact area [mm²]")
+    above.set_ylabel("area by the reference\nsegmentation [mm²]")
     below.set_ylabel("simulated over\nmeasured less 1 [%]")
     below.set_xlabel("normal force [N]")
     above.legend()
@@ -137,14 +142,17 @@ def _areas(result: Mapping[str, Any], found: RigFit) -> Section:
         (
             f"{row['force_N']:g}", "yes" if row["held_out"] else "", f"{row['measured_mm2']:.2f}",
             f"{row['nominal_mm2']:.2f}", f"{row['calibrated_mm2']:.2f}",
+            "" if row["contact_mm2"] is None else f"{row['contact_mm2']:.2f}",
         )
         for row in result["areas"]
     ]  # fmt: skip
     if not rows:
         return Section("Area against force", ["No press frame at the nominal voltage."])
-    columns = ("force [N]", "held out", "measured [mm²]", "nominal [mm²]", "calibrated [mm²]")
-    picture = Picture(figure_png(area_figure(found.areas)), "Area by the reference segmentation, of all alike.")
-    return Section("Area against force", pictures=[picture], tables=[Table(columns, rows)])
+    columns = (
+        "force [N]", "held out", "measured [mm²]", "nominal [mm²]", "calibrated [mm²]", "its contact [mm²]"
+    )  # fmt: skip
+    picture = Picture(figure_png(area_figure(found.areas)), AREAS)
+    return Section("Area against force", [AREAS], pictures=[picture], tables=[Table(columns, rows)])
 
 
 def _figures(result: Mapping[str, Any]) -> Section:

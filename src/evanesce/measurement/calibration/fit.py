@@ -59,8 +59,11 @@ class Calibrated:
         Of each distinct view: corner found minus corner predicted by a fit without it [px of the picture].
     held_out_straight : list of ndarray (n, 2)
         The same after undistortion: corner minus straight, even grid [px of the undistorted picture].
+    flat : int
+        Number of the distinct view taken to lie on the glass: the one stated, else the one whose scale changes least
+        across it.
     scale, scale_undistorted : ScaleMap
-        Of the first distinct view, in the picture and after undistortion.
+        Of that view, in the picture and after undistortion.
     focal_given : bool
         Whether the rig's drawing states a focal length.
     warnings : list of Warning
@@ -74,6 +77,7 @@ class Calibrated:
     outliers: list[Array]
     held_out: list[Array]
     held_out_straight: list[Array]
+    flat: int
     scale: ScaleMap
     scale_undistorted: ScaleMap
     focal_given: bool
@@ -122,6 +126,7 @@ def calibrate(
     model: str = "radial2",
     expect_focal_px: float | None = None,
     expect_distance_mm: float | None = None,
+    on_glass: int | None = None,
 ) -> Calibrated:
     """Calibrate a camera from views of a flat board.
 
@@ -135,6 +140,8 @@ def calibrate(
     expect_focal_px, expect_distance_mm : float, optional
         Figures of the rig's drawing, to compare with; the focal length is also the one assumed where none can be found
         (else the longer side of the frame).
+    on_glass : int, optional
+        Number of the view that lay on the glass, from 0.
 
     Returns
     -------
@@ -161,7 +168,8 @@ def calibrate(
     warnings += [*deviations(fit, expect_focal_px, expect_distance_mm), *anisotropy(fit, distinct[0])]
     left_out = [~which for which in kept]
     warnings += view_warnings(fit, image_size, given, [rms(residual) for residual in residuals[0]], left_out)
-    straight = BoardView(distinct[0].name, distinct[0].world, fit.undistort(distinct[0].image))
+    flat = _flat(fit, views, distinct, numbers, on_glass)
+    straight = BoardView(distinct[flat].name, distinct[flat].world, fit.undistort(distinct[flat].image))
     return Calibrated(
         calibration=Calibration(image_size=image_size, camera_matrix=fit.camera_matrix, distortion=fit.distortion),
         fit=fit,
@@ -171,11 +179,24 @@ def calibrate(
         outliers=[view.image[out] for view, out in zip(given, left_out, strict=True)],
         held_out=residuals[0],
         held_out_straight=residuals[1],
-        scale=local_scale(distinct[0]),
+        flat=flat,
+        scale=local_scale(distinct[flat]),
         scale_undistorted=local_scale(straight),
         focal_given=expect_focal_px is not None,
         warnings=warnings,
     )
+
+
+def _flat(
+    fit: BoardFit, views: list[BoardView], distinct: list[BoardView], numbers: list[int], on_glass: int | None
+) -> int:
+    """Return the number of the distinct view that lay on the glass, or is repeated by the one that did."""
+    if on_glass is None:
+        return int(np.argmin([fit.depth_spread(k, view.world) for k, view in enumerate(distinct)]))
+    if on_glass in numbers:
+        return numbers.index(on_glass)
+    place = views[on_glass].image.mean(axis=0)
+    return int(np.argmin([np.linalg.norm(views[k].image.mean(axis=0) - place) for k in numbers]))
 
 
 def _check(views: list[BoardView], image_size: tuple[int, int]) -> None:
@@ -299,6 +320,8 @@ def report(result: Calibrated) -> dict[str, Any]:
         "grid_rms_fit_px": rms(
             np.concatenate([fit.predict(k, v.world) - v.image for k, v in enumerate(result.distinct)])
         ),
+        "flat_view": result.distinct[result.flat].name,
+        "flat_view_depth_spread": fit.depth_spread(result.flat, result.distinct[result.flat].world),
         "scale_px_per_mm2": result.scale.summary(),
         "scale_undistorted_px_per_mm2": straight,
         "scale_spread_undistorted": (straight["max"] - straight["min"]) / (2 * straight["median"]),

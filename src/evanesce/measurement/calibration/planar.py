@@ -103,6 +103,24 @@ class BoardFit:
         bent = distort_normalized((self.straight(view, world) - middle) / focal, self.distortion)
         return np.asarray(bent * focal + middle)
 
+    def depth_spread(self, view: int, world: Array) -> float:
+        """Return the ratio of greatest to smallest distance of a view's corners from the lens [1].
+
+        Parameters
+        ----------
+        view : int
+            Number of the view, from 0.
+        world : ndarray (n, 2)
+            On the board [mm].
+
+        Returns
+        -------
+        float
+        """
+        homography = self.homographies[view]
+        depth = np.abs(world @ homography[2, :2] + homography[2, 2])
+        return float(depth.max() / depth.min())
+
 
 def apply_homography(homography: Array, points: Array) -> Array:
     """Map points by a homography.

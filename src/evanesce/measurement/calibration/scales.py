@@ -8,6 +8,7 @@ warning, as it may be the board's height, and an error only where no height expl
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ import numpy as np
 from evanesce.core.errors import InputError
 from evanesce.measurement.calibration.checks import jacobian
 from evanesce.measurement.calibration.fit import Calibrated
-from evanesce.measurement.calibration.planar import BoardFit
 from evanesce.measurement.calibration.points import BoardView
 from evanesce.measurement.warnings import Warning
 
@@ -31,12 +31,12 @@ MAX_HELD = 1.5
 """Times the card's distance at which a board may be held: a camera focused on the glass blurs it beyond."""
 
 
-def stated_view(result: Calibrated, on_glass: str | None) -> int | None:
+def stated_view(views: Sequence[BoardView], on_glass: str | None) -> int | None:
     """Return the number of the view that is said to lie on the glass, from 1; 0 if none is, None if nothing is said.
 
     Parameters
     ----------
-    result : Calibrated
+    views : sequence of BoardView
     on_glass : str or None
         Name of a view, or ``"none"``.
 
@@ -53,7 +53,7 @@ def stated_view(result: Calibrated, on_glass: str | None) -> int | None:
         return None
     if on_glass == NO_VIEW:
         return 0
-    names = [view.name for view in result.views]
+    names = [view.name for view in views]
     if on_glass not in names:
         raise InputError(f"'{on_glass}' is no view", key="on_glass", allowed=f"none, or one of {', '.join(names)}")
     return names.index(on_glass) + 1
@@ -88,12 +88,8 @@ def compare_scales(
     """
     if on_glass == 0:
         return {}, []
-    if on_glass is None:
-        one = int(np.argmin([depth_spread(result.fit, k, view) for k, view in enumerate(result.distinct)]))
-    else:
-        one = _distinct_number(result, on_glass - 1)
-    view = result.distinct[one]
-    ratio = float(np.sqrt(abs(np.linalg.det(jacobian(result.fit, one))) * mm2_per_px))
+    view = result.distinct[result.flat]
+    ratio = float(np.sqrt(abs(np.linalg.det(jacobian(result.fit, result.flat))) * mm2_per_px))
     figures = {"view": view.name, "length_ratio": ratio}
     off = abs(np.log(ratio))
     if off <= np.log1p(NOTED_LENGTH):
@@ -113,33 +109,6 @@ def compare_scales(
     if not known:
         text += "; or no board lay on the glass (--on-glass none) or another one (--on-glass NAME)"
     return figures, [Warning("board_and_card_at_odds", text)]
-
-
-def depth_spread(fit: BoardFit, number: int, view: BoardView) -> float:
-    """Return the ratio of greatest to smallest distance of a view's corners from the lens [1].
-
-    Parameters
-    ----------
-    fit : BoardFit
-    number : int
-        Of the view, from 0.
-    view : BoardView
-
-    Returns
-    -------
-    float
-    """
-    homography = fit.homographies[number]
-    depth = np.abs(view.world @ homography[2, :2] + homography[2, 2])
-    return float(depth.max() / depth.min())
-
-
-def _distinct_number(result: Calibrated, number: int) -> int:
-    """Return the distinct view that a view is, or of which it is a repetition."""
-    if number in result.numbers:
-        return result.numbers.index(number)
-    place = result.views[number].image.mean(axis=0)
-    return int(np.argmin([np.linalg.norm(result.views[k].image.mean(axis=0) - place) for k in result.numbers]))
 
 
 def _neat(value: float) -> str:

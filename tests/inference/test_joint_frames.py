@@ -21,7 +21,7 @@ from evanesce.inference.card_start import board_inverted, card_start, on_prints
 from evanesce.inference.causes import causes_of
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
-from evanesce.inference.gate import PlateReader
+from evanesce.inference.gate import _board_lines
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
@@ -359,6 +359,21 @@ def test_a_board_printed_the_other_way_round_is_told(tiny, inverted, side, curve
     frame = Predictor(taken, [view]).image(point, 0)
     shown = replace(observation, scene=believed, views=(view,), images=frame[None])
     assert board_inverted(shown) is inverted
+
+
+@pytest.mark.parametrize(("believed", "gross"), [((8, 6), False), ((6, 6), True), ((14, 11), True)])
+def test_a_board_of_other_squares_is_another_rig(tiny, believed, gross):
+    """More squares than believed, or, of a board seen whole, over two fewer."""
+    observation = observe(read_bundle(tiny))
+    view = replace(observation.views[0], kind="checkerboard", force_N=None)
+    sizes = {"checkerboard_squares": (8, 6), "checkerboard_side_mm": 1.2}
+    real = observation.scene.model_copy(update={"card": observation.scene.card.model_copy(update=sizes)})
+    frame = Predictor(real, [view]).image({}, 0)
+    card = real.card.model_copy(update={"checkerboard_squares": believed})
+    shown = replace(observation, scene=real.model_copy(update={"card": card}), views=(view,), images=frame[None])
+    lines = _board_lines(shown, Predictor(shown.scene, [view]))
+    counts = {line.measured: line.gross for line in lines if "squares" in line.name}
+    assert counts == {8.0: gross, 6.0: gross}
 
 
 def test_an_inverted_board_is_black_where_the_other_is_white():

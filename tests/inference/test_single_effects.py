@@ -11,7 +11,8 @@ from scipy import stats
 from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
-from evanesce.inference.gate import Gate, Patch, _contact_lines
+from evanesce.inference.gate import Gate, _contact_lines
+from evanesce.inference.patch import Patch
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
 from evanesce.inference.posterior import Posterior

@@ -7,6 +7,7 @@ by hand with the scattering profile. Only what has no closed form (solved contac
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ from evanesce.studies.thesis_jointly.page import page
 from evanesce.studies.thesis_jointly.predict import Predictor
 from evanesce.studies.thesis_jointly.sample import drawn
 
-BUNDLES = Path(__file__).parents[2] / "bundles"
+ROOT = Path(__file__).parents[2]
+BUNDLES = ROOT / "bundles"
 SHIPPED = (BUNDLES / "thesis_silskin_0", BUNDLES / "thesis_silskin_20")
 G = {"silskin_0": 2e-6 * (3693.2 + 49474.0), "silskin_20": 2e-6 * (-1895.4 + 6960.9)}  # table 6 [MPa]
 RHEOLOGY = {"silskin_0": (0.0606, 0.2324), "silskin_20": (0.0148, 0.3820)}
@@ -339,6 +341,21 @@ def test_both_fingers_jointly(tmp_path: Path):
     other = result["scattering_of_the_other_bundle"]
     assert other["read_mm2"] > 1.4 * max(other["published_mm2"])
     assert report.read_text().count("data:image/png") == len({r["group"] for r in result["outcomes"]}) + 1
+    # The page of the documentation says what the command says.
+    said = " ".join((ROOT / "docs/criticism/thesis-jointly.md").read_text(encoding="utf-8").split())
+    for name, pattern in PRINTED.items():
+        (one,) = (p for p in result["parameters"] if p["name"] == name)
+        found = re.search(pattern.format(r"([\d.]+)(?: mm)? \(([\d.]+)–([\d.]+)\)"), said)
+        assert found is not None, name
+        printed = [float(text) for text in found.groups()]
+        assert printed == pytest.approx([one["value"], one["low"], one["high"]], rel=0.03, abs=0.01), name
+
+
+PRINTED = {
+    "bone:share": "bone of {}", "modulus:silskin_0": "Moduli {}", "modulus:silskin_20": r"\) and {} times table 6",
+    "scatter_20:share": "share {}", "scatter_20:length_mm": "length {}",
+}  # fmt: skip
+"""Where the page prints a parameter with its interval."""
 
 
 def test_the_answer_of_a_small_judgement_is_whole():

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from evanesce.inference.odd_presses import odd_presses
@@ -18,7 +17,10 @@ def pressed(forces=FORCES, areas=None, x=None, session=0):
     """A ball of Hertz's law that moves by 0.03 mm/N, as a load off the axis makes it."""
     areas = [20.0 * force ** (2 / 3) for force in forces] if areas is None else areas
     x = [0.4 + 0.03 * force for force in forces] if x is None else x
-    views = [View(kind="press", force_N=force, voltage_V=9.0, session=session) for force in forces]
+    views = [
+        View(kind="press", force_N=force, voltage_V=9.0, session=session, condition=100 * session + k)
+        for k, force in enumerate(forces)
+    ]
     return views, [Patch(area, 1.0, (at, -0.1), 90.0) for area, at in zip(areas, x, strict=True)]
 
 
@@ -38,6 +40,7 @@ def test_forces_that_were_exchanged_are_named():
 def test_silicone_that_is_let_go_keeps_more_than_it_had():
     """The same forces up and down; the way down has a tenth more area, and a tenth of a second press less."""
     up, down = pressed(), pressed(areas=[22.0 * force ** (2 / 3) for force in FORCES])
+    down = [replace(view, condition=50 + view.condition) for view in down[0]], down[1]
     assert odd_presses([*up[0], *down[0]], [*up[1], *down[1]]) == []
 
 
@@ -49,6 +52,11 @@ def test_mirrored_frames_are_named():
     assert "mirrored" in said
 
 
+def test_a_finger_that_slides_under_one_force_contradicts_nothing():
+    views, patches = pressed(forces=(2.0,) * 6, x=[3.0 * k for k in range(6)])
+    assert odd_presses([replace(view, condition=1) for view in views], patches) == []
+
+
 @pytest.mark.parametrize("away", [0.0, 5.0])
 def test_a_finger_set_anew_is_another_session(away):
     first, second = pressed(), pressed(x=[away + 0.4] * len(FORCES), session=1)
@@ -58,4 +66,3 @@ def test_a_finger_set_anew_is_another_session(away):
 def test_one_press_contradicts_nothing():
     views, patches = pressed(forces=(1.0,))
     assert odd_presses(views, patches) == []
-    assert math.isfinite(np.hypot(*patches[0].centre_mm))

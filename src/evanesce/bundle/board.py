@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -30,6 +30,9 @@ WHOLE_MARGIN = 1.5
 MISSED_LINES = 2
 """Lines of corners that blur or glare may hide at the rim of a board seen whole: a choice, one on either side."""
 
+UNEVEN = 1.03
+"""Large squares over small ones beyond which a board was tilted: a camera askew by 3 degrees makes 1.025."""
+
 
 @dataclass(frozen=True)
 class SeenBoard:
@@ -51,6 +54,8 @@ class SeenBoard:
     corners: tuple[int, int]
     side_mm: float
     whole: bool = False
+    uneven: float = 1.0
+    """Large squares over small ones, ninetieth and tenth hundredth of their sides as if on the glass [1]."""
 
 
 def nominal_plane(scene: Scene) -> ToPlate:
@@ -101,7 +106,8 @@ def seen_board(picture: NDArray[np.uint8], name: str, to_plate: ToPlate) -> Seen
         for other in (at.get((i + 1, j)), at.get((i, j + 1)))
         if other is not None
     ]
-    return board_of(grid, picture.shape, name, float(np.median(sides)))
+    small, large = np.quantile(sides, (0.1, 0.9))
+    return replace(board_of(grid, picture.shape, name, float(np.median(sides))), uneven=float(large / small))
 
 
 def board_of(grid: CornerGrid, shape: tuple[int, ...], name: str, side_mm: float) -> SeenBoard:
@@ -214,8 +220,10 @@ def other_card(boards: Sequence[SeenBoard], card: Cards) -> str | None:
         if more or fewer or abs(board.side_mm / card.checkerboard_side_mm - 1) > OTHER_CARD:
             cols, rows = card.checkerboard_squares
             seen = "" if board.whole else "at least "
+            tilted = f" (they differ by {100 * (board.uneven - 1):.0f} %: it was tilted, not flat on the glass)"
             return (
-                f"{board.name} shows a board of {seen}{long + 1} x {short + 1} squares of {board.side_mm:.3g} mm; "
+                f"{board.name} shows a board of {seen}{long + 1} x {short + 1} squares of {board.side_mm:.3g} mm"
+                f"{tilted if board.uneven > UNEVEN else ''}; "
                 f"the scene's card has {cols} x {rows} of {card.checkerboard_side_mm:g} mm"
             )
     return None

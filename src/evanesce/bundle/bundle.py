@@ -28,6 +28,7 @@ from evanesce.bundle.layout import (
     same_force,
 )
 from evanesce.core.errors import InputError
+from evanesce.measurement.io.force import force_doubts
 from evanesce.measurement.io.frames import open_frames
 from evanesce.measurement.io.images import read_image
 from evanesce.measurement.reference.segment import grey
@@ -132,6 +133,13 @@ class Bundle:
     def files(self, kind: str) -> tuple[Path, ...]:
         """Return the picture files of ``press``, ``replicates`` or an auxiliary kind; none of a video."""
         return self._files.get(kind, ())
+
+    @property
+    def doubts(self) -> list[str]:
+        """What makes the tables doubtful, to be told before anything is made of them."""
+        forces = np.array([shot.force_N for shot in self.press])
+        grams = "1 g is 0.00981 N"
+        return [doubt.text for doubt in force_doubts(PRESS_TABLE, forces, grams)] if forces.size else []
 
     @cached_property
     def replicate_frames(self) -> tuple[Grey, ...]:

@@ -57,6 +57,7 @@ def contents(bundle: Bundle) -> dict[str, Any]:
     return {
         "path": str(bundle.path),
         "title": bundle.title,
+        "doubts": bundle.doubts,
         "resolution_px": [cols, rows],
         "frames": {kind: bundle.count(kind) for kind in ("press", "replicates", *AUXILIARY)},
         "press": {

@@ -67,6 +67,8 @@ def show(found: dict[str, Any]) -> None:
     for name, entry in found["series"].items():
         table.add_row(f"series {name}", escape(f"{entry['points']} points, {entry['y']} against {entry['x']}"))
     console.print(table)
+    for doubt in found["doubts"]:
+        console.print(escape(f"warning: {doubt}"), highlight=False, style="yellow")
     for name in found["missing"]:
         console.print(f"missing: {name} ({MISSING[name]})", highlight=False)
     for name in found["not_read"]:

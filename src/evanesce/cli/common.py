@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -134,6 +134,17 @@ def write_figure(path: Path, figure: Any) -> None:
     from evanesce.report.html import figure_png
 
     write_bytes(path, figure_png(figure))
+
+
+def warn(lines: Iterable[str]) -> None:
+    """Print warnings on standard error.
+
+    Parameters
+    ----------
+    lines : iterable of str
+    """
+    for line in lines:
+        messages.print(f"warning: {line}", markup=False, highlight=False, soft_wrap=True, style="yellow")
 
 
 def write_json(path: Path | None, value: Any) -> None:

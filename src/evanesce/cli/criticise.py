@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     console,
     handles_errors,
     messages,
+    warn,
     write_json,
     write_text,
 )
@@ -50,6 +51,7 @@ def register(app: typer.Typer) -> None:
         if shapes is not None and shapes.suffix.lower() not in PICTURES:
             raise InputError(f"cannot write {shapes.suffix!r}", key="--shapes", allowed=", ".join(PICTURES))
         bundle = read_bundle(folder)
+        warn(bundle.doubts)
         if shapes is not None:
             _draw_shapes(bundle, shapes)
             return

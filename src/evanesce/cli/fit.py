@@ -17,6 +17,7 @@ from evanesce.cli.common import (
     console,
     handles_errors,
     messages,
+    warn,
     write_json,
     write_text,
 )
@@ -57,7 +58,9 @@ def register(app: typer.Typer) -> None:
         unknown = [name for name in exclude or [] if name not in FIGURES]
         if unknown:
             raise InputError(f"'{unknown[0]}' is not fitted", key="--exclude", allowed=", ".join(FIGURES))
-        _run(read_bundle(folder), scene, json_file, report, tuple(exclude or ()), seed)
+        bundle = read_bundle(folder)
+        warn(bundle.doubts)
+        _run(bundle, scene, json_file, report, tuple(exclude or ()), seed)
 
 
 def _run(
@@ -99,8 +102,7 @@ def _show(result: dict[str, Any]) -> None:
         messages.print(escape(f"not good enough: {reason}"), style="yellow")
     for remark in result["remarks"]:
         messages.print(escape(f"left: {remark}"))
-    for warning in result["warnings"]:
-        messages.print(escape(f"warning: {warning}"), style="yellow")
+    warn(result["warnings"])
     table = Table(title="Figures that the bundle determines, with 90 % intervals", box=box.SIMPLE_HEAD)
     for heading in ("figure", "value", "from", "to", "unit", "nominal", "what"):
         table.add_column(heading, justify="left" if heading in ("figure", "unit", "what") else "right")

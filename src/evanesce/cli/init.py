@@ -18,6 +18,7 @@ from evanesce.cli.common import (
     handles_errors,
     messages,
     named_options,
+    warn,
     working,
     write_json,
     write_text,
@@ -309,8 +310,7 @@ def _show(path: Path, scene: Scene, found: RigFigures, preset: str, notes: list[
     console.print(table)
     for note in notes:
         messages.print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    for warning in warnings:
-        messages.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True, style="yellow")
+    warn(warnings)
     console.print(
         f"Written: {path} (preset {preset}). Next: evanesce render {path} --fast", highlight=False, markup=False,
         soft_wrap=True,

@@ -178,8 +178,8 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
 
 
 def _odd(observation: Observation, plate: PlateReader) -> list[str]:
-    """Return which of the open presses contradict each other."""
-    presses = [k for k, v in enumerate(observation.views) if v.kind == "press" and not v.locked and v.force_N]
+    """Return which presses contradict each other, those kept for the judgement too: nothing is chosen by it."""
+    presses = [k for k, v in enumerate(observation.views) if v.kind == "press" and v.force_N]
     read = [(observation.views[k], plate.patch(observation.images[k])) for k in presses]
     shown = [(view, patch) for view, patch in read if patch is not None]
     return odd_presses([view for view, _ in shown], [patch for _, patch in shown])

@@ -34,12 +34,16 @@ def judged(found: RigFit) -> tuple[list[str], list[str]]:
             )
     for share, text in _left(found):
         (reasons if 100 * share > GOOD_PERCENT else remarks).append(text)
-    for name, figure in found.figures.items():
-        if figure.told and abs(figure.away) > FAR_AWAY:
+    far = {name: f for name, f in found.figures.items() if ":" in name and abs(f.away) > FAR_AWAY}
+    for name, figure in far.items():
+        if figure.told:
             key = name.replace(":", ".")
             remarks.append(
                 f"{key} is {abs(figure.away):.1f} prior standard deviations from nominal: check it by itself"
             )
+    stand_ins = [name.replace(":", ".") for name, figure in far.items() if not figure.told]
+    if stand_ins:
+        remarks.append(f"not determined, and yet far from nominal in place of what is missing: {', '.join(stand_ins)}")
     return reasons, remarks
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from evanesce.inference.calibration.fit import Areas, RigFit
 from evanesce.inference.page import RANGE, residual_figure
@@ -15,7 +16,7 @@ from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 MOST_FRAMES = 4
 AREAS = (
-    "Areas that the reference segmentation reads from measured and simulated frames alike. It reads the rim's light"
+    "Areas as the reference segmentation reads them from measured and simulated frames alike. It takes the rim's light"
     " with the contact; the contact itself, in the last column, is smaller."
 )
 GAP_SHARE = 0.1
@@ -89,12 +90,14 @@ def frame_figure(areas: Areas) -> Figure:
     return figure
 
 
-def area_figure(areas: Areas) -> Figure:
+def area_figure(areas: Areas, contact: NDArray[np.float64]) -> Figure:
     """Return area against force: measured, of the nominal and of the calibrated scene, and relative differences.
 
     Parameters
     ----------
     areas : Areas
+    contact : ndarray (views,)
+        True area of the calibrated scene's contact [mm^2].
     """
     figure = Figure(figsize=(6.4, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
@@ -104,6 +107,7 @@ def area_figure(areas: Areas) -> Figure:
     order = np.argsort(force)
     above.plot(force[order], areas.nominal[order], "--", color="#b4b4b4", label="nominal scene")
     above.plot(force[order], areas.calibrated[order], "-", color="#2f6f9f", label="calibrated scene")
+    above.plot(force[order], contact[order], ":", color="#2f6f9f", label="contact of the calibrated scene")
     above.plot(force[~locked], areas.measured[~locked], "o", color="black", label="measured")
     above.plot(force[locked], areas.measured[locked], "o", mfc="white", mec="black", label="measured, held out")
     known = areas.measured > 0
@@ -112,7 +116,7 @@ def area_figure(areas: Areas) -> Figure:
         at = np.argsort(force[known])
         below.plot(force[known][at], relative[at], style, marker=".", color=colour)
     below.axhline(0.0, color="black", linewidth=0.8)
-    above.set_ylabel("area by the reference\nsegmentation [mm²]")
+    above.set_ylabel("area [mm²]")
     below.set_ylabel("simulated over\nmeasured less 1 [%]")
     below.set_xlabel("normal force [N]")
     above.legend()
@@ -151,8 +155,9 @@ def _areas(result: Mapping[str, Any], found: RigFit) -> Section:
     columns = (
         "force [N]", "held out", "measured [mm²]", "nominal [mm²]", "calibrated [mm²]", "its contact [mm²]"
     )  # fmt: skip
-    picture = Picture(figure_png(area_figure(found.areas)), AREAS)
-    return Section("Area against force", [AREAS], pictures=[picture], tables=[Table(columns, rows)])
+    contact = [np.nan if row["contact_mm2"] is None else row["contact_mm2"] for row in result["areas"]]
+    picture = Picture(figure_png(area_figure(found.areas, np.array(contact, float))), AREAS)
+    return Section("Area against force", pictures=[picture], tables=[Table(columns, rows)])
 
 
 def _figures(result: Mapping[str, Any]) -> Section:

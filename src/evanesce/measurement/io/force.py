@@ -88,7 +88,7 @@ def read_force(path: str | Path) -> ForceLog:
         if len(times) > 1 and times[-1] <= times[-2]:
             raise InputError(f"time {row[time_at]} does not rise", file=path, key=f"line {number}", allowed=ALLOWED)
     time, force = np.array(times), np.array(forces)
-    return ForceLog(time, force, tuple(_doubts(path, force)))
+    return ForceLog(time, force, tuple(force_doubts(path.name, force)))
 
 
 def _column(path: Path, header: list[str], name: str, units: dict[str, float]) -> tuple[int, float]:
@@ -118,22 +118,32 @@ def _number(path: Path, line: int, text: str, mark: str) -> float:
     return value
 
 
-def _doubts(path: Path, force: NDArray[np.float64]) -> list[Warning]:
+def force_doubts(name: str, force: NDArray[np.float64], grams: str = "name the column force_g") -> list[Warning]:
+    """Return what makes forces doubtful: grams or counts in place of newtons, a sign turned round.
+
+    Parameters
+    ----------
+    name : str
+        Of their table.
+    force : ndarray (n,)
+        [N].
+    grams : str
+        What to do with grams.
+    """
     most, least = float(force.max()), float(force.min())
     found = []
     if max(most, -least) > MOST_PLAUSIBLE_N:
         found.append(
             Warning(
                 "force_implausible",
-                f"{path.name} reaches {max(most, -least):.4g} N: is it in grams (then name the column "
-                "force_g) or counts?",
+                f"{name} reaches {max(most, -least):.4g} N: is it in grams (then {grams}) or counts?",
             )
         )
     if -least > 0.5 * max(most, 1e-12):
         found.append(
             Warning(
                 "force_negative",
-                f"{path.name} falls to {least:.4g} N: pressing counts as positive; is its sign turned?",
+                f"{name} falls to {least:.4g} N: pressing counts as positive; is its sign turned?",
             )
         )
     return found

@@ -96,7 +96,8 @@ SWITCHES = (
     Mechanism("exposure_control", "the camera's automatic exposure acts from 9 V on"),
 )  # fmt: skip
 RIDGES = Mechanism("ridges_as_drawn", "finite elements had ridges of 100 um as drawn, not 48 um as moulded")
-"""Touches the ridged finite elements alone, and nothing else does: judged by itself, exactly."""
+"""Touches the ridged finite elements alone: judged by itself, with what else acts on their ratio to smooth ones at the
+nominal model's."""
 NUISANCES = (
     _parameter("@light", "ln", 0.0, priors.LIGHT, -0.9, 0.9),
     _parameter("@forward_voltage", "V", 2.95, 0.15, 2.6, 3.4),

@@ -25,6 +25,7 @@ from evanesce.inference.gate import _board_lines
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
+from evanesce.inference.patch import PlateReader
 from evanesce.inference.posterior import Weights
 from evanesce.inference.shape_picture import mean_and_variation, shape_figure
 from evanesce.inference.shapes import FormBank

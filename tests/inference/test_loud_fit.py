@@ -25,9 +25,9 @@ from evanesce.inference.calibration.own_error import (
 from evanesce.inference.causes import causes_of
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector, data_vector
-from evanesce.inference.gate import PlateReader
 from evanesce.inference.gauss_newton import RADIUS, Prior, bounded_step, fit, step_within
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.patch import PlateReader
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import observe

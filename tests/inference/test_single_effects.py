@@ -12,9 +12,9 @@ from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
-from evanesce.inference.patch import Patch
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
+from evanesce.inference.patch import Patch
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of

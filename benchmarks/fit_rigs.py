@@ -8,6 +8,7 @@ Each rig is a line of ``outputs/challenge/<run>.jsonl``; a run that is started a
 from __future__ import annotations
 
 import argparse
+import gzip
 import json
 import sys
 import tempfile
@@ -85,7 +86,12 @@ def main() -> None:
     parser.add_argument("--rigs", type=int, default=10)
     parser.add_argument("--run", default="fit")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--read", type=Path, help="Only print the table of this run, *.jsonl.gz.")
     options = parser.parse_args()
+    if options.read is not None:
+        with gzip.open(options.read, "rt", encoding="utf-8") as file:
+            print(table([json.loads(text) for text in file]))
+        return
     path = Path("outputs/challenge") / f"{options.run}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = [json.loads(text) for text in path.read_text().splitlines()] if path.exists() else []

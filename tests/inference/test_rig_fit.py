@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import development_rigs as rigs
@@ -96,3 +97,15 @@ def test_planted_figures_are_within_their_intervals(tmp_path: Path) -> None:
     before, after = found["held_out"]["area_error_percent"]
     assert after < 1.0 < before
     assert "effects" in load_scene(scene).as_dict()
+    # Without frames in the dark, black level and droop are known less well, and the answer says what is missing.
+    shutil.rmtree(folder / "lens_cap")
+    shutil.rmtree(folder / "led_off")
+    done = runner.invoke(app, ["fit", str(folder), "--json", str(answer), *without])
+    assert done.exit_code == 0, done.output
+    less = json.loads(answer.read_text(encoding="utf-8"))
+    wider = {row["key"].removeprefix("effects."): row for row in less["figures"]}["black_level.offset_DN"]
+    known = rows["black_level.offset_DN"]
+    assert wider["hi"] - wider["lo"] > 1.1 * (known["hi"] - known["lo"])
+    assert wider["lo"] <= 8.0 <= wider["hi"]
+    assert any("no dark frame" in warning for warning in less["warnings"])
+    assert not any("no dark frame" in warning for warning in found["warnings"])

@@ -211,9 +211,19 @@ def test_bad_dark_tables(tmp_path, text, temperature, message):
         sensor_tables.read_dark(path, temperature)
 
 
+def test_a_table_below_its_black_level_is_another_cameras(tmp_path):
+    level = np.linspace(40.0, 900.0, 30)
+    table = sensor_tables.TransferTable("all", level, 2.0 + level / 3.0)
+    with pytest.raises(InputError, match=r"--black-level-DN.*below the black level of 600 DN: 40 to 900 DN"):
+        sensor.of_table(table, 600.0)
+    assert sensor.of_table(table, 40.0).fit.gain_e_per_DN == pytest.approx(3.0, rel=0.01)
+
+
 def test_bad_stacks(tmp_path):
     folder = tmp_path / "s"
     folder.mkdir()
+    with pytest.raises(InputError, match=r"s: has no stack.csv \(allowed: a list: file, exposure_s"):
+        frame_stack.reduce_stack(folder, bits=12)
     good = np.full((16, 16), 300, np.uint16)
     np.save(folder / "a.npy", good)
 

@@ -17,6 +17,7 @@ from evanesce.core.errors import InputError
 Floats = NDArray[np.float64]
 
 LIST_FILE = "stack.csv"
+HEADINGS = ("file", "exposure_s", "optionally light", "temperature_C")
 IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
 RAW_SUFFIXES = (".raw", ".bin")
 MAX_PIXELS = 100_000_000
@@ -195,6 +196,8 @@ def _raw(path: Path, size: tuple[int, int] | None) -> NDArray[np.generic]:
 def _groups(folder: Path) -> list[_Group]:
     """Return the files of each exposure, in the order of the list."""
     path = folder / LIST_FILE
+    if not path.is_file():
+        raise InputError(f"has no {LIST_FILE}", file=folder, allowed=f"a list: {', '.join(HEADINGS)}")
     data, table = read_columns(path, COLUMNS), read_rows(path)
     column = next((i for i, h in enumerate(table[0]) if h.strip().lower() in ("file", "frame", "name")), None)
     if column is None:

@@ -21,7 +21,7 @@ from evanesce.bench.dark_signal import (
 from evanesce.bench.frame_stack import StackRow
 from evanesce.bench.photon_transfer import USED_SHARE, Linearity, PhotonTransfer, fit_photon_transfer, linearity
 from evanesce.bench.sensor_tables import TransferTable, by_kind
-from evanesce.core.errors import WorkError
+from evanesce.core.errors import InputError, WorkError
 
 Floats = NDArray[np.float64]
 
@@ -124,10 +124,17 @@ def of_table(table: TransferTable, black_DN: float) -> Transfer:
 
     Raises
     ------
+    InputError
+        If most means lie below the black level.
     WorkError
         As :func:`evanesce.bench.photon_transfer.fit_photon_transfer`.
     """
     signal = table.mean_DN - black_DN
+    if np.median(signal) <= 0.0:
+        raise InputError(
+            f"most means lie below the black level of {black_DN:g} DN: {table.mean_DN.min():.4g} to"
+            f" {table.mean_DN.max():.4g} DN", key="--black-level-DN", allowed="that of the same frames",
+        )  # fmt: skip
     fit = fit_photon_transfer(signal, table.variance_DN2)
     doubts = []
     if signal.min() < -1.0:

@@ -34,6 +34,8 @@ def names_file(file: Path) -> Iterator[None]:
     """Name the file in errors of an analysis: a file without such a test is bad input."""
     try:
         yield
+    except InputError as error:
+        raise InputError(error.what, file=error.file or file, key=error.key, allowed=error.allowed) from None
     except WorkError as error:
         raise InputError(str(error), file=file) from None
 

@@ -136,7 +136,7 @@ class Left:
             words.append(f"{bands.along} of the sensor by themselves, {times * bands.amplitude:.2g} {unit} rms")
         elif wave.p_value < LEFT:
             words.append(
-                f"stripes of {wave.period_mm:.2f} mm period across {wave.direction_deg:.0f} deg,"
+                f"stripes of {wave.period_mm:.2f} mm period across {round(wave.direction_deg)} deg,"
                 f" {times * wave.amplitude:.2g} {unit} in amplitude"
             )
         if self.concentrated > 0.5:

@@ -322,3 +322,14 @@ def test_retuned_camera_keeps_no_map_of_another_rig(changes: dict[str, object], 
     camera = FastCamera(scene, "numpy")
     camera.frame(contact_state(scene, 1.0), seed=1)
     assert (camera.retuned(scene_of(**changes))._optics is not None) == kept
+
+
+def test_a_plate_of_airs_index_is_the_limit_of_thinner_and_thinner_glass() -> None:
+    """It guides no light: nothing is withheld from the edges by the contact, and no figure is missing."""
+    found = []
+    for index in (1.0, 1.0 + 1e-6):
+        scene = load_scene("thesis", {"plate.refractive_index": index, "camera.resolution_px": [200, 150],
+                                      "camera.scale_px_per_mm": 5.84})  # fmt: skip
+        found.append(noiseless(scene, contact_state(scene, 2.0)))
+    assert np.isfinite(found[0]).all()
+    assert found[0] == pytest.approx(found[1], rel=1e-3, abs=1e-4 * found[1].max())

@@ -155,7 +155,7 @@ def test_presets_are_listed() -> None:
         (["mine.toml", "--silicone", "jelly"], ["--silicone", "jelly", "silskin_0"]),
         (["mine.toml", "--set", "effects.led_ded.loss=1.0"], ["effects.led_ded", "led_dead"]),
         (["mine.toml", "--pixel-um", "0"], ["--pixel-um", "0.5 to 50 um"]),
-        (["mine.toml", "--index", "1"], ["--index", "1.01 to 2.5"]),
+        (["mine.toml", "--index", "0.9"], ["--index", "1 to 2.5"]),
         (["mine.toml", "--camera", "pi_3", "--resolution", "0x9"], ["--resolution", "8 to 20000 px"]),
         (["mine.toml", "--field-mm", "1e-3"], ["--field-mm", "mm"]),
         (["mine.toml", "--focal-mm", "0", "--distance-mm", "30"], ["--focal-mm", "0.5 to 200 mm"]),

@@ -53,7 +53,8 @@ def _judgement(result: Mapping[str, Any]) -> Section:
         ]
         caption = f"{gain['views']} views whose conditions the fit has not seen."
         tables = [Table(("held out", "nominal scene", "calibrated scene"), rows, caption)]
-    return Section("Is it good enough?", [*text, *(f"Warning: {warning}." for warning in result["warnings"])], tables=tables)
+    text += [f"Warning: {warning}." for warning in result["warnings"]]
+    return Section("Is it good enough?", text, tables=tables)
 
 
 def frame_figure(areas: Areas) -> Figure:

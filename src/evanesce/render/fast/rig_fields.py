@@ -257,8 +257,9 @@ def _edge_feedback(edge: Array, response: Array, areas: Array, bins: AngleBins, 
     sent = returned_radiance(0.0, np.arccos(bins.cosines), interface).mean(axis=1)
     # By reciprocity what a segment would send to a node is what the node sends to the segment. The guided light that
     # a contact takes in is spread over the edges as if it came from all angles alike.
-    guided = np.arange(bins.count) >= bins.critical
-    withheld = taken * guided / (np.pi * np.diff(bins.borders) @ (taken * guided))
+    guided = taken * (np.arange(bins.count) >= bins.critical)
+    all_guided = float(np.pi * np.diff(bins.borders) @ guided)
+    withheld = guided / all_guided if all_guided > 0.0 else guided  # a plate of air's index guides none
     to_edges = (edge @ (sent - withheld)) / areas[:, None]
     return np.asarray((edge @ taken).T @ response @ to_edges)
 

@@ -45,6 +45,14 @@ def test_light_that_is_left_counts_by_its_share_of_the_contacts(small, large):
     assert "NOT good enough" in first_line(fitted(**large), 3, reasons)
 
 
+def test_dark_frames_that_are_off_are_told_and_do_not_decide():
+    fit = fitted()
+    fit.own_error = {"presses": OwnError(), "dark frames": OwnError(level_DN=6.0)}
+    reasons, remarks = judged(fit)
+    assert not reasons
+    assert "dark frames: 6 DN" in remarks[0]
+
+
 def test_light_is_told_as_a_share_of_the_contacts():
     (said,) = judged(fitted(level_DN=1.5))[1]
     assert "1.5 DN, 1 % of the contact's" in said

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evanesce.inference.calibration.fit import RigFit
+from evanesce.inference.calibration.own_error import PRESSES
 from evanesce.inference.gate import LEVEL
 
 GOOD_PERCENT = 2.0
@@ -71,7 +72,7 @@ def _left(found: RigFit) -> list[tuple[float, str]]:
     off = {group: error for group, error in found.own_error.items() if error}
     if off:
         words = "; ".join(error.sentence(group, light_DN) for group, error in off.items())
-        share = max(error.share(light_DN) for error in off.values())
+        share = off[PRESSES].share(light_DN) if PRESSES in off else 0.0  # a twin stands for presses
         said.append((share, f"what no figure stands for is left, and was allowed for as an error of the {words}"))
     left = found.left
     if left.found:

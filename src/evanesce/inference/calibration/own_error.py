@@ -36,7 +36,8 @@ ROUNDS = 4
 """In which each is sought given the others; they settle in three."""
 ALIKE = 0.1
 """Mean change of the logarithm of standard deviations by which nothing that is fitted moves."""
-GROUPS = ("presses", "cards", "dark frames")
+PRESSES = "presses"
+GROUPS = (PRESSES, "cards", "dark frames")
 
 
 @dataclass(frozen=True)

@@ -227,6 +227,29 @@ def test_the_scale_is_of_the_picture_on_the_glass_wherever_it_stands(flat_last: 
     assert "13 x 9 squares" in other.stderr
 
 
+def test_a_calibration_file_gives_the_board_and_tells_of_which_picture_its_scale_is(tmp_path: Path) -> None:
+    seen_by_a_lens(tmp_path / "boards", flat_last=True)
+    file, scene = tmp_path / "cal.json", tmp_path / "mine.toml"
+    made = ["calibrate", "--checkerboard", str(tmp_path / "boards"), "--square-mm", "2", "--json", str(file)]
+    assert runner.invoke(app, made).exit_code == 0
+    options = ["init", str(scene), "--preset", "gripper", "--calibration", str(file), "--exposure-ms", "1"]
+    done = runner.invoke(app, options)
+    assert done.exit_code == 0, done.output
+    assert load_scene(scene).camera.scale_px_per_mm == pytest.approx(12.0, rel=3e-3)
+    assert load_scene(scene).card.checkerboard_side_mm == 2.0
+    assert "scale from 5.png, the flattest of 6" in done.stderr
+    wrong = runner.invoke(app, [*options, "--overwrite", "--board-square-mm", "1.5"])
+    assert wrong.exit_code == 2
+    assert "--board-square-mm: 1.5, but the calibration was made with squares of 2 mm" in wrong.stderr
+    # a file of an earlier version has the first picture's scale
+    old = json.loads(file.read_text(encoding="utf-8"))
+    del old["flat_view"], old["flat_view_depth_spread"]
+    file.write_text(json.dumps(old), encoding="utf-8")
+    done = runner.invoke(app, [*options, "--overwrite"])
+    assert done.exit_code == 0, done.output
+    assert "scale from 0.png, the first of 6 pictures" in done.stderr
+
+
 def test_pictures_without_a_board_are_named_with_their_folder(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "noise.png"), np.random.default_rng(0).integers(0, 255, (120, 160), np.uint8))
     done = runner.invoke(

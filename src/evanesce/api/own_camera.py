@@ -21,6 +21,8 @@ UNKNOWN_LENS = "not known: calibrate the camera"
 LEAST_SQUARE_PX = 8.0
 """Side of a checkerboard's square below which its corners are not found [px]."""
 GRID_POINTS = 41
+SAME_SIDE = 1e-4
+"""Relative difference up to which two sides are one that was rounded."""
 
 
 def camera_changes(scene: Scene, answers: RigAnswers, found: Changes) -> None:
@@ -177,19 +179,23 @@ def _calibrated(
         found.known(f"camera.lens.distortion.{key}", value, f"{name}, less the plate's refraction")
     found.notes = [note for note in found.notes if not note.startswith("distortion")]
     found.notes.append(f"camera from {name}: the scene's geometry is within {left:.2g} px RMS of it over the frame")
-    if calibration.mm2_per_px is None and len(calibration.details.get("distinct_views", ())) > 1:
-        found.notes.append(_flattest_note(calibration))
+    if calibration.mm2_per_px is None:
+        found.notes += _flattest_note(calibration)
 
 
-def _flattest_note(calibration: Calibration) -> str:
+def _flattest_note(calibration: Calibration) -> list[str]:
     """Say which of several pictures the scale comes from: only one that lay on the glass tells it."""
     details = calibration.details
+    views, spread = details.get("distinct_views"), details.get("flat_view_depth_spread")
+    if not isinstance(views, list) or len(views) < 2:
+        return []
+    if not isinstance(spread, float):  # a file of an earlier version
+        return [f"scale from {views[0]}, the first of {len(views)} pictures: calibrate again for that on the glass"]
     stated = "stated" if details.get("on_glass_view") else "the flattest"
-    slope = 100 * (details["flat_view_depth_spread"] - 1)
-    return (
-        f"scale from {details['flat_view']}, {stated} of {len(details['distinct_views'])} pictures (distance to the"
-        f" lens differs by {slope:.2g} % across it): right only if that board lay on the glass"
-    )
+    return [
+        f"scale from {details.get('flat_view')}, {stated} of {len(views)} pictures (distance to the lens differs by"
+        f" {100 * (spread - 1):.2g} % across it): right only if that board lay on the glass"
+    ]
 
 
 def calibrated_camera(
@@ -311,9 +317,15 @@ def _board(card: Cards, answers: RigAnswers, found: Changes) -> None:
     boards = [] if calibration is None else calibrated_boards(calibration)
     if calibration is None or not boards:
         return
+    side = boards[0].side_mm
     if answers.board_square_mm is None:
-        found.known("card.checkerboard_side_mm", boards[0].side_mm, answers.calibration_name)
-    card = card.model_copy(update={"checkerboard_side_mm": boards[0].side_mm})
+        found.known("card.checkerboard_side_mm", side, answers.calibration_name)
+    elif abs(answers.board_square_mm / side - 1) > SAME_SIDE:
+        raise InputError(
+            f"{answers.board_square_mm:g}, but the calibration was made with squares of {side:g} mm",
+            key="board_square_mm", allowed=f"{side:g}, or another calibration",
+        )  # fmt: skip
+    card = card.model_copy(update={"checkerboard_side_mm": side})
     if answers.board_squares is not None:
         card = card.model_copy(update={"checkerboard_squares": answers.board_squares})
     why = other_card(boards, card)

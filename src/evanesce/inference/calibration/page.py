@@ -10,14 +10,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from evanesce.inference.calibration.fit import Areas, RigFit
+from evanesce.inference.calibration.fit import EDGE_PX, Areas, RigFit
 from evanesce.inference.page import RANGE, residual_figure
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
 
 MOST_FRAMES = 4
 AREAS = (
     "Areas as the reference segmentation reads them from measured and simulated frames alike. It takes the rim's light"
-    " with the contact; the contact itself, in the last column, is smaller."
+    f" with the contact; the contact itself, in the last column, is smaller. Its edge is known to {EDGE_PX:g} pixels at"
+    " best: what the light about it is, is no figure of the rig."
 )
 GAP_SHARE = 0.1
 """Of the brightest level, at which colours of the difference end."""

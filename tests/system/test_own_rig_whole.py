@@ -74,8 +74,8 @@ def test_presses_make_a_scene_that_predicts_areas_it_has_not_seen(mine: Path) ->
     assert stiffer["hi"] - stiffer["lo"] < 0.15
     # what the drawing has and no figure stands for is said: its light is an even field, not that of LEDs
     assert any("no figure stands for" in said for said in (*found["reasons"], *found["remarks"]))
-    # The contact itself, Hertz's circle, held-out ones too, but for its rim's light, which is of another form: one and a
-    # half times what edges are allowed.
+    # The contact itself, Hertz's circle, held-out ones too, but for its rim's light, which is of another form:
+    # one and a half times what edges are allowed.
     pixel_mm = (lab.CLEAR_MM + lab.THICKNESS_MM / lab.INDEX) / lab.FOCAL_PX
     for row in found["areas"]:
         radius = lab.contact_radius(row["force_N"])

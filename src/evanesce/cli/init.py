@@ -214,7 +214,9 @@ def _answers(found: Asked, calibration: Path | None, pictures: list[Path], on_gl
         fit = fit_calibration(boards.views, boards.image_size, pictures=boards, on_glass=on_glass)
     name = f"{len(boards.views)} picture(s) of the checkerboard, squares of {side:g} mm"
     squares = answers.board_squares
-    black = None if squares is None else print_of(boards.views, boards.frames, side, squares)
+    flat = [k for k, view in enumerate(boards.views) if view.name == fit.calibration.details["flat_view"]]
+    views, frames = [boards.views[k] for k in flat], [boards.frames[k] for k in flat]
+    black = None if squares is None else print_of(views, frames, side, squares)
     return dataclasses.replace(
         answers, calibration=fit.calibration, calibration_name=name, board_square_mm=side, board_inverted=black
     )

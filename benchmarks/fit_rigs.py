@@ -119,9 +119,11 @@ def table(lines: list[dict[str, Any]]) -> str:
         )
     after = np.concatenate([one["after"] for one in found])
     planted, absent = ([ok for one in found for ok in inside(one[key])] for key in ("planted", "absent"))
+    every = planted + absent
     rows.append(
-        f"\n{np.mean(after <= GOOD_PERCENT):.0%} of {after.size} held-out areas within {GOOD_PERCENT} %; intervals hold"
-        f" {np.mean(planted):.0%} of {len(planted)} planted figures, {np.mean(absent):.0%} of {len(absent)} others"
+        f"\n{np.sum(after <= GOOD_PERCENT)} of {after.size} held-out areas within {GOOD_PERCENT} %,"
+        f" {np.sum(after > 1.0)} over 1 %, the worst {after.max():.2f}; intervals hold {sum(every)} of {len(every)}"
+        f" figures, {sum(planted)} of {len(planted)} planted ones among them"
     )
     return "\n".join(rows)
 

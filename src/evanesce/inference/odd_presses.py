@@ -16,9 +16,9 @@ from evanesce.inference.patch import Patch
 from evanesce.prediction.views import View
 
 SMALLER = 0.8
-"""Area over that at a smaller force, below which the two contradict: silicone that is unloaded keeps less than that."""
+"""Area over that at a smaller force, below which the two contradict: a choice, beyond what unloading adds (assumed)."""
 JUMP = 0.25
-"""Of the contact's radius, from one force to the next, beyond which a contact has not stayed where it was."""
+"""Of the contact's radius, from one force to the next, beyond which a contact has not stayed: a choice."""
 
 
 def odd_presses(views: Sequence[View], patches: Sequence[Patch]) -> list[str]:

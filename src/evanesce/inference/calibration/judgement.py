@@ -8,7 +8,7 @@ from evanesce.inference.gate import LEVEL
 
 GOOD_PERCENT = 2.0
 """Mean error of held-out areas [%], and light that nothing explains over the contact's [%], up to which a calibrated
-scene counts as good: a choice, of areas that the thesis could tell apart."""
+scene counts as good: a choice, no published figure."""
 GOOD_RESIDUAL = 2.0
 """Residual over its standard deviation, root mean square of a kind of views, up to which it counts as good."""
 FAR_AWAY = 3.0

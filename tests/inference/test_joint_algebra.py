@@ -627,7 +627,20 @@ def test_shares_of_the_misfit_are_of_what_noise_does_not_make(noise):
     fitter.observed = exact + noise * (fitter.observed - exact)
     search, found, _ = searched(fitter, causes)
     assert found.ids == ("a",)
-    assert search.share(loss_of(found, "a")) == pytest.approx(1.0, abs=0.1)
+    assert search.share(search.lost(found, "a")) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("bend", "limit"), [(0.0, 0.03), (0.4, np.inf)])
+def test_what_is_lost_without_a_cause_is_what_it_brought(bend, limit):
+    """Beside a nuisance that looks like it and has a bound, and where the cause itself bends."""
+    fitter, causes = toy({"a:x": 1.5}, bend=bend)
+    fitter.model.maps["@even"] = fitter.model.maps["a:x"] + 0.1 * fitter.model.maps["decoy0:x"]
+    fitter.nuisances += (Parameter(name="@even", deviation=1.0, step=0.01, bounds=(-limit, limit)),)
+    search, found, _ = searched(fitter, causes)
+    assert "a" in found.ids
+    lost = search.lost(found, "a")
+    assert lost == pytest.approx(fitter.relinearised([], {}).misfit - found.misfit, rel=0.01)
+    assert abs(loss_of(found, "a") - lost) > 0.2 * lost
 
 
 def test_noise_alone_adds_nothing():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -173,6 +174,15 @@ def test_the_first_line_says_what_makes_it_doubtful():
     assert told.startswith(f"CAUTION: {note}. There is something")
     assert "CAUTION" not in first_line("unknown", [], 0.0, structure, None, "")
     assert first_line("none", [], 0.0, structure, None, "", [note]).startswith(f"CAUTION: {note}. The data are")
+
+
+def test_the_first_line_says_what_could_not_be_fitted():
+    structure: Any = SimpleNamespace(found=False, sentence=lambda: "")
+    place = Place.of({"vignetting": 7.0, "defocus": 5.0, "creep": -3.0})
+    told = first_line("causes", [], 0.0, structure, None, "", further=place)
+    assert told.startswith("There is a cause that could not be fitted, most probably vignetting (")
+    assert "defocus" in told
+    assert "creep" not in told
 
 
 def test_a_contact_of_far_other_light_is_told_and_not_refused():

@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence
-from evanesce.inference.constants import LEAST_AREA
+from evanesce.inference.constants import LEAST_AREA, LEAST_PROBABLE
 from evanesce.inference.gate import VERSION, Gate
 from evanesce.inference.groups import group_of
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import Model
 from evanesce.inference.posterior import Posterior
-from evanesce.inference.removal import loss_of
 from evanesce.inference.search import Search
-from evanesce.inference.single_effects import NONE, UNKNOWN
+from evanesce.inference.single_effects import NONE, UNKNOWN, Place
 from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import CovarianceRows, Metric
@@ -161,7 +160,7 @@ def named_causes(
                 value = natural(name, value)
                 parameters[own] = {"value": value, "lo": value, "hi": value, "unit": ""}
         consequence = areas.of_cause(fitted, taken.id, covariance)
-        removed = search.share(loss_of(fitted, taken.id))
+        removed = search.share(search.lost(fitted, taken.id))
         place = posterior.places[taken.id]
         found.append(
             Named(
@@ -238,7 +237,9 @@ def answer(
         "version": VERSION,
         "method": "joint",
         "verdict": verdict,
-        "first_line": first_line(verdict, named, explained, left, gain, told_fields(search.unknown), notes),
+        "first_line": first_line(
+            verdict, named, explained, left, gain, told_fields(search.unknown), notes, posterior.further
+        ),
         "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
@@ -287,6 +288,7 @@ def first_line(
     gain: Gain | None,
     fields: str,
     notes: Sequence[str] = (),
+    further: Place | None = None,
 ) -> str:
     """Return the sentence that a reader needs if they read no other.
 
@@ -298,13 +300,15 @@ def first_line(
         What was taken as unknown, in words.
     notes : sequence of str
         What makes it doubtful.
+    further : Place, optional
+        Of one more cause: what is said where none could be fitted.
     """
     told = left.sentence() if left.found else fields
     warning = "".join(f"CAUTION: {note}. " for note in notes)
     if verdict == "none":
         return f"{warning}The data are what the scene predicts, as far as their scatter lets anything be seen."
     if not named:
-        return f"{warning}There is {told}." if "unknown" in verdict else "There is a cause that could not be fitted."
+        return f"{warning}There is {told if 'unknown' in verdict else unfitted(further)}."
     if gain is not None and gain.worse:
         before, after = gain.area_percent
         warning += f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
@@ -316,6 +320,13 @@ def first_line(
     return (
         f"{warning}{count} {100 * explained:.1f} % of the misfit{': ' if words else ''}{', '.join(words)}{beside}{more}"
     )
+
+
+def unfitted(further: Place | None) -> str:
+    """Return what there is where the place of a further cause is filled and none of the causes could be fitted."""
+    likely = [] if further is None else [n for n in further.credible_set if further.probability[n] >= LEAST_PROBABLE]
+    told = ", ".join(f"{name} ({100 * further.probability[name]:.0f} %)" for name in likely) if further else ""
+    return "a cause that could not be fitted" + (f", most probably {told}" if told else "")
 
 
 def _told(cause: Named) -> str:

@@ -20,7 +20,7 @@ from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, taken_from
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.judge import Judge
-from evanesce.inference.removal import Removal, everything_marginalised, removal
+from evanesce.inference.removal import Removal, everything_marginalised, loss_of, removal
 from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
@@ -125,6 +125,15 @@ class Trials:
             )
         except InputError:
             return None
+
+    def lost(self, now: JointFit, name: str) -> float:
+        """Return by how much the misfit rises without a cause, all else fitted again within its bounds.
+
+        A straight line about the fit does not know that a nuisance which makes up for the cause has a bound, nor that
+        a strong cause bends.
+        """
+        without = self._refitted(now, name, fine=False)
+        return loss_of(now, name) if without is None else max(without.misfit - now.misfit, 0.0)
 
     def _lacking(self, now: JointFit, name: str) -> JointFit:
         """Return the fit without a cause, all else as it is: its misfit that with all else marginalised.

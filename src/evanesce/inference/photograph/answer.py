@@ -11,7 +11,7 @@ from scipy import stats
 
 from evanesce.core.rng import generator
 from evanesce.effects import all_effects
-from evanesce.inference.answer import scaled, verdict_of, warnings_of, widened_covariance
+from evanesce.inference.answer import scaled, unfitted, verdict_of, warnings_of, widened_covariance
 from evanesce.inference.consequence import NINETY
 from evanesce.inference.gate import VERSION
 from evanesce.inference.groups import group_of
@@ -19,7 +19,6 @@ from evanesce.inference.photograph.causes import ABSORBED
 from evanesce.inference.photograph.critic import PhotoCriticism
 from evanesce.inference.photograph.light import UNEVEN
 from evanesce.inference.photograph.model import FREEDOM
-from evanesce.inference.removal import loss_of
 from evanesce.inference.single_effects import UNKNOWN
 from evanesce.prediction.parameters import value_of
 from evanesce.prediction.scores import bootstrap_sum, rmse
@@ -107,7 +106,7 @@ def _smooth(found: PhotoCriticism) -> list[dict[str, Any]]:
         place = found.posterior.places[taken.id]
         rows.append(
             _cause(taken.id, place.probability.get(taken.id, 0.0), place.credible_set, numbers)
-            | {"misfit_share": search.share(loss_of(best, taken.id))}
+            | {"misfit_share": search.share(search.lost(best, taken.id))}
         )
     return sorted(rows, key=lambda row: -float(row["misfit_share"]))
 
@@ -242,7 +241,7 @@ def first_line(
         return "The photograph is what the simulation predicts, as far as its noise lets anything be seen."
     unknown = told_left(found) if found.left.found else "something that no cause of the library makes"
     if not causes:
-        return f"There is {unknown}." if "unknown" in verdict else "There is a cause that could not be fitted."
+        return f"There is {unknown if 'unknown' in verdict else unfitted(found.posterior.further)}."
     more = f". Beside them there is {unknown}" if "unknown" in verdict else ""
     score, rms = gain["log_score"], gain["rms_DN"]
     return (

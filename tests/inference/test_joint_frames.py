@@ -19,6 +19,7 @@ from evanesce.core.errors import InputError, WorkError
 from evanesce.effects import all_effects
 from evanesce.inference.card_start import board_inverted, card_start, on_prints
 from evanesce.inference.causes import causes_of
+from evanesce.inference.constants import CERTAIN
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
 from evanesce.inference.gate import _board_lines
@@ -94,7 +95,8 @@ def test_causes_are_named_and_what_leaves_the_area_is_told(tiny):
     result, scene = criticism.result, criticism.scene
     found = {cause["id"]: cause for cause in result["causes"]}
     assert set(found) == {"modulus", "black_level"}
-    assert all(c["probability"] > 0.95 and c["credible_set"] == [c["id"]] for c in result["causes"])
+    assert all(c["probability"] == pytest.approx(CERTAIN, abs=0.01) for c in result["causes"])
+    assert all(c["credible_set"] == [c["id"]] for c in result["causes"])
     assert result["verdict"] == "causes and unknown"
     why = {one["id"]: one["why"] for one in result["not_judged"]}
     # One stands in for the other: whichever comes first leaves it nothing.

@@ -11,6 +11,7 @@ from scipy import stats
 
 from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
+from evanesce.inference.critic import Start
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
 from evanesce.inference.judge import Judge
@@ -174,6 +175,14 @@ def test_the_first_line_says_what_makes_it_doubtful():
     assert told.startswith(f"CAUTION: {note}. There is something")
     assert "CAUTION" not in first_line("unknown", [], 0.0, structure, None, "")
     assert first_line("none", [], 0.0, structure, None, "", [note]).startswith(f"CAUTION: {note}. The data are")
+
+
+def test_the_first_line_begins_with_presses_that_contradict_each_other():
+    nothing: Any = None
+    gate = Gate((), {}, 1.0, ("frames of 1 N and 3.3 N look exchanged",))
+    notes = Start(nothing, nothing, gate, nothing, nothing).notes
+    structure: Any = SimpleNamespace(found=False, sentence=lambda: "")
+    assert first_line("none", [], 0.0, structure, None, "", notes).startswith(f"CAUTION: {gate.odd[0]}. ")
 
 
 def test_the_first_line_says_what_could_not_be_fitted():

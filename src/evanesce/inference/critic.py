@@ -17,6 +17,7 @@ from evanesce.inference.card_start import on_prints
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
+from evanesce.inference.constants import CERTAIN
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
@@ -105,11 +106,12 @@ def _criticised(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str])
             found = _searched(again, exclude, seed, tell)
     tell("consequences and held-out conditions")
     start, model = found.start, found.start.model
-    best, posterior, search = found.best, found.posterior, found.search
+    best, search = found.best, found.search
     fine = model.anchor(best.point)
     areas = AreaReader(model)
     may_be_off = found.discrepancy.every_row(best, fine)
-    named = named_causes(search, areas, best, may_be_off, posterior)
+    told = found.posterior.at_most(CERTAIN)
+    named = named_causes(search, areas, best, may_be_off, told)
     gain = held_out(model, areas, start.base, best, seed)
     metric = everything_marginalised(best)[0].with_rows(may_be_off)
     rest = metric.project(best.residual)
@@ -120,7 +122,7 @@ def _criticised(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str])
     seconds = time.monotonic() - began
     known = model.data.noise.measured
     result, scene = answer(
-        model, search, start.gate, best, posterior, named, left, gain, advice, found.left_out, seconds,
+        model, search, start.gate, best, told, named, left, gain, advice, found.left_out, seconds,
         replicates=known, notes=start.notes,
     )  # fmt: skip
     result["warnings"] += [areas.told] if areas.told else []

@@ -140,6 +140,11 @@ class Discrepancy:
             self._changes = fitted, {t.id: whole - cube for t, cube in pairs if not isinstance(cube, InputError)}
         return self._changes[1]
 
+    def sizes(self, fitted: JointFit) -> dict[str, float]:
+        """Return the norm of what each cause changes, by its name [standard deviations]."""
+        data = self.model.data
+        return {n: float(np.linalg.norm(data.whitened(np.nan_to_num(c)))) for n, c in self.changes(fitted).items()}
+
     def every_row(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
         """Return all rows."""
         return CovarianceRows.joined(self.light(fitted), self.tied(fitted, fine))

@@ -19,6 +19,7 @@ from evanesce.inference.posterior import Further, Posterior, Weights
 from evanesce.inference.power import Power, expected_power
 from evanesce.inference.shapes import drawn_points
 from evanesce.inference.single_effects import (
+    LEAST_NORM,
     UNKNOWN,
     Place,
     Shapes,
@@ -55,6 +56,9 @@ class Rows(Protocol):
 
     def every_row(self, fitted: JointFit) -> CovarianceRows:
         """Return both."""
+
+    def sizes(self, fitted: JointFit) -> Mapping[str, float]:
+        """Return the norm of what each cause changes, by its name [standard deviations]."""
 
 
 class Judge:
@@ -124,14 +128,16 @@ class Judge:
             what a fit says, its bounds kept, stands above what drawn forms say.
         """
         space, secants = self._space(fitted, fitted.ids)
+        own = self._own_forms(space, fitted)
         places = {}
         for number, name in enumerate(secants):
             others = [n for n in secants if n != name]
-            place, _ = self._judged(space, _marginal(others, unknown), self._rest(others, unknown), number)
+            place, _ = self._judged(space, _marginal(others, unknown, own), self._rest(others, unknown), number)
             places[name] = place.with_fits(name, {b: gap for (a, b), gap in (behind or {}).items() if a == name})
         if unknown:
-            places[UNKNOWN], _ = self._judged(space, _marginal(secants, {}), self._rest(secants, {}), len(secants))
-        marginal, rest = _marginal(secants, unknown), self._rest(secants, unknown)
+            every = _marginal(secants, {}, own)
+            places[UNKNOWN], _ = self._judged(space, every, self._rest(secants, {}), len(secants))
+        marginal, rest = _marginal(secants, unknown, own), self._rest(secants, unknown)
         further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         return Posterior(places, further, p)
 
@@ -152,9 +158,10 @@ class Judge:
             Blocks of something unknown that are not asked about.
         """
         space, _ = self._space(fitted, ())
-        marginal, rest = _marginal(fitted.ids, unknown), self._rest([*fitted.ids, *left_out], unknown)
+        own = self._own_forms(space, fitted)
+        marginal, rest = _marginal(fitted.ids, unknown, own), self._rest([*fitted.ids, *left_out], unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
-        bare = {n: s for n, s in marginal.items() if n != DISCREPANCY}
+        bare = {n: s for n, s in marginal.items() if n != DISCREPANCY and n not in own}
         by_misfit = place_of(*self._products(space, bare, rest, 0)[:2])
         lit, forms = likelier(space, marginal, 0), [block for block in rest if cause_of(block) != UNKNOWN]
         gram, along = space.marginalised(lit, forms, 0)
@@ -165,8 +172,8 @@ class Judge:
             gram, along = space.marginalised(lit, [block], 0)
             shapes = self._shapes(block, gram)
             if shapes.eigenvalues.size:
-                own = shapes.coordinates(along)
-                fields[block] = float(shapes.log_bayes(own)), shapes.strength(own) * float(shapes.scale.max())
+                unit = shapes.coordinates(along)
+                fields[block] = float(shapes.log_bayes(unit)), shapes.strength(unit) * float(shapes.scale.max())
         most = max(fields, key=lambda block: fields[block][0], default=None)
         return Further(place, p, by_misfit, {} if most is None else {most: fields[most][1]}, library)
 
@@ -238,6 +245,19 @@ class Judge:
         found = noise_along(gram[:count, :count], gram[:count, count:], evidence, kinds)
         return found.variance, self._forms.combined(found.factors, self.known)
 
+    def _own_forms(self, space: SmallSpace, fitted: JointFit) -> dict[str, Array]:
+        """Return by which factors the forms of taken causes are in the data, by cause: all together as its change is.
+
+        The law that was fitted is one of those that the cause may have.
+        """
+        found = {}
+        for name, size in self.discrepancy.sizes(fitted).items():
+            if name in space.places:
+                rows = space.places[name]
+                norms = np.sqrt(np.maximum(np.diag(space.gram)[rows], LEAST_NORM**2))
+                found[name] = size / norms / np.sqrt(len(rows))
+        return found
+
     def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:
         out = {*taken, *unknown}
         return [name for name in self.known if name not in out]
@@ -267,7 +287,7 @@ class Judge:
     def _judged(
         self,
         space: SmallSpace,
-        marginal: Mapping[str, float],
+        marginal: Mapping[str, float | Array],
         candidates: Sequence[str],
         vector: int,
         *,
@@ -293,7 +313,7 @@ class Judge:
         return Place.of(log_bayes), p
 
     def _products(
-        self, space: SmallSpace, marginal: Mapping[str, float], candidates: Sequence[str], vector: int
+        self, space: SmallSpace, marginal: Mapping[str, float | Array], candidates: Sequence[str], vector: int
     ) -> tuple[list[Shapes], dict[str, Array], Array]:
         """Return the candidates' shapes, the products of each one's rows with the data, and all inner products."""
         gram, every = space.marginalised(marginal, candidates, vector)
@@ -312,13 +332,16 @@ class Judge:
         return shapes, along
 
 
-def likelier(space: SmallSpace, marginal: Mapping[str, float], vector: int) -> Mapping[str, float]:
+def likelier(space: SmallSpace, marginal: Mapping[str, float | Array], vector: int) -> Mapping[str, float | Array]:
     """Return what is marginalised, the nominal light among it where it is more probably off than exact."""
     return {**marginal, LIGHT: 1.0} if space.log_bayes(marginal, LIGHT, vector) > 0.0 else marginal
 
 
-def _marginal(taken: Iterable[str], unknown: Mapping[str, float]) -> dict[str, float]:
-    return {NUISANCES: 1.0, DISCREPANCY: 1.0, **{f"{FITTED}{name}": 1.0 for name in taken}, **unknown}
+def _marginal(
+    taken: Collection[str], unknown: Mapping[str, float], forms: Mapping[str, Array] = MappingProxyType({})
+) -> dict[str, float | Array]:
+    own = {f"{FITTED}{name}": 1.0 for name in taken} | {name: forms[name] for name in taken if name in forms}
+    return {NUISANCES: 1.0, DISCREPANCY: 1.0, **own, **unknown}
 
 
 def _scaled(fitted: JointFit, prefix: str) -> Array:

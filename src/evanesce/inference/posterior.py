@@ -68,6 +68,11 @@ class Posterior:
         places = {name: p.without_law(causes) if name == UNKNOWN else p for name, p in self.places.items()}
         return replace(self, places=places, further=self.further.without_law(causes))
 
+    def at_most(self, most: float) -> Posterior:
+        """Return it where no cause has more than a probability in its place (:meth:`Place.at_most`)."""
+        places = {name: place.at_most(most) for name, place in self.places.items()}
+        return replace(self, places=places, further=self.further.at_most(most))
+
     @property
     def asks(self) -> bool:
         """Whether noise alone would hardly give as much evidence for a further cause."""

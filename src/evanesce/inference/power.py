@@ -56,7 +56,7 @@ class Power:
 
 def expected_power(
     space: SmallSpace,
-    marginal: Mapping[str, float],
+    marginal: Mapping[str, float | Array],
     strengths: Sequence[float],
     rng: np.random.Generator,
     draws: int = 60,

@@ -197,6 +197,17 @@ class Place:
         factors = {name: value for name, value in self.log_bayes.items() if name not in gone}
         return Place(factors, {**left, UNKNOWN: left.get(UNKNOWN, 0.0) + moved})
 
+    def at_most(self, most: float) -> Place:
+        """Return the place where nothing has more than a probability; what is above is none's.
+
+        Parameters
+        ----------
+        most : float
+            More than a half, so that what is more probable than not stays so.
+        """
+        told = {name: min(value, most) for name, value in self.probability.items() if name != NONE}
+        return Place(self.log_bayes, {NONE: 1.0 - sum(told.values()), **told})
+
     @property
     def present(self) -> float:
         """Probability that anything fills the place."""

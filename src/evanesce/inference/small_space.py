@@ -80,13 +80,13 @@ class SmallSpace:
         return np.concatenate(parts, axis=1)
 
     def marginalised(
-        self, marginal: Mapping[str, float], kept: Sequence[str], vector: int | None
+        self, marginal: Mapping[str, float | Array], kept: Sequence[str], vector: int | None
     ) -> tuple[Array, Array]:
         """Return inner products of blocks once others are marginalised.
 
         Parameters
         ----------
-        marginal : mapping of str to float
+        marginal : mapping of str to float or ndarray
             Blocks whose rows, each times an independent normal number of the given standard deviation, are in the data.
         kept : sequence of str
         vector : int, optional
@@ -100,7 +100,7 @@ class SmallSpace:
             Of the kept rows with the vector.
         """
         out, own = self.of(list(marginal)), self.of(kept)
-        size = np.concatenate([np.full(len(self.places[n]), s) for n, s in marginal.items()])
+        size = np.concatenate([np.broadcast_to(s, len(self.places[n])) for n, s in marginal.items()])
         inner = np.eye(len(out)) + size[:, None] * self.gram[np.ix_(out, out)] * size
         factor = linalg.cho_factor(inner, lower=True)
         cross = size[:, None] * self.gram[np.ix_(out, own)]
@@ -109,7 +109,7 @@ class SmallSpace:
         along = data[own] - linalg.cho_solve(factor, size * data[out]) @ cross
         return np.asarray((gram + gram.T) / 2), np.asarray(along)
 
-    def log_bayes(self, marginal: Mapping[str, float], name: str, vector: int) -> float:
+    def log_bayes(self, marginal: Mapping[str, float | Array], name: str, vector: int) -> float:
         """Return the log Bayes factor of a block, of unit amplitudes, over none of it [nats].
 
         Parameters

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from evanesce.inference.constants import CERTAIN
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.left import Left, left_of
 from evanesce.inference.photograph.causes import PhotoForms, photo_causes
@@ -178,8 +179,9 @@ def criticise_photograph(photograph: Photograph, *, tell: Tell = lambda line: No
         name: fitter.relinearised([t for t in best.taken if t.id != name], best.without(name)).point
         for name in best.ids
     }
+    told = with_points(posterior, points).at_most(CERTAIN)
     return PhotoCriticism(
-        bench_now, search, base, best, with_points(posterior, points), points, (scans[0], scans[1]), left, dropped,
+        bench_now, search, base, best, told, points, (scans[0], scans[1]), left, dropped,
         time.monotonic() - began,
     )  # fmt: skip
 

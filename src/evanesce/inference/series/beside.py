@@ -160,6 +160,11 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
         """Return the rows of each cause, and of what extrapolation to finer pixels added."""
         return _rows_beside(super().tied(fitted, fine), SeriesDiscrepancy(self.model.series).tied(fitted))
 
+    def sizes(self, fitted: JointFit) -> dict[str, float]:
+        """Return the norm of what each cause changes in bins and rows, by its name [standard deviations]."""
+        rows = SeriesDiscrepancy(self.model.series).sizes(fitted)
+        return {name: float(np.hypot(bins, rows.get(name, 0.0))) for name, bins in super().sizes(fitted).items()}
+
 
 def _rows_beside(frames: CovarianceRows, series: CovarianceRows) -> CovarianceRows:
     """Return the same of rows of a covariance; series follow the bins, whose stretches stay."""

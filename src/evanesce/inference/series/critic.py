@@ -18,7 +18,7 @@ from evanesce.core.rng import generator
 from evanesce.inference.answer import answer, named_causes, scaled, widened_covariance
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
-from evanesce.inference.constants import FAR, LEFT
+from evanesce.inference.constants import CERTAIN, FAR, LEFT
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
@@ -110,7 +110,8 @@ def criticise_series(
     tell("consequences and held-out rows")
     model.anchor(best.point)
     tied = discrepancy.every_row(best)
-    named = named_causes(search, areas, best, tied, posterior)
+    told = posterior.at_most(CERTAIN)
+    named = named_causes(search, areas, best, tied, told)
     covariance = widened_covariance(best, tied) * scaled(best.metric, best.residual)
     left = left_of(model, best, tied)
     advice = _advice(model, bank, judge, search, causes, best, posterior, tell)
@@ -118,7 +119,7 @@ def criticise_series(
     gain = gain_of(model.of_other_rows(held), base, best) if held.series else None
     notes = _notes(used)
     result, scene = answer(
-        model, search, Gate((), {}), best, posterior, named, left, gain, advice, {**left_out, **without, **silent},
+        model, search, Gate((), {}), best, told, named, left, gain, advice, {**left_out, **without, **silent},
         time.monotonic() - began, replicates=True, notes=notes,
     )  # fmt: skip
     return SeriesCriticism(result, scene, shown)

@@ -219,14 +219,22 @@ class SeriesDiscrepancy:
 
     def tied(self, fitted: JointFit) -> CovarianceRows:
         """Return the rows of each cause."""
-        model, changes = self.model, []
+        return self._smooth([TIED_SHARE * change for change in self._changes(fitted).values()])
+
+    def sizes(self, fitted: JointFit) -> dict[str, float]:
+        """Return the norm of what each cause changes, by its name [standard deviations]."""
+        return {name: float(np.linalg.norm(change)) for name, change in self._changes(fitted).items()}
+
+    def _changes(self, fitted: JointFit) -> dict[str, Array]:
+        """Return what each cause changes (rows,), whitened; without those that a rig cannot lack."""
+        model, found = self.model, {}
         whole = model.vector(fitted.point)
         for taken in fitted.taken:
             try:
-                changes.append(TIED_SHARE * (whole - model.vector(fitted.without(taken.id))))
+                found[taken.id] = whole - model.vector(fitted.without(taken.id))
             except InputError:
                 continue
-        return self._smooth(changes)
+        return found
 
     def every_row(self, fitted: JointFit) -> CovarianceRows:
         """Return all rows of a joint fit, the model anchored about it."""

@@ -150,6 +150,8 @@ def test_calibration_of_a_perfect_answerer_is_that_of_a_perfect_answerer() -> No
     assert 0 < fair["perfect"][0] < fair["perfect"][1]
     assert fair["error"] < 1.3 * fair["perfect"][1]
     boasting = calibration(answers(0.99))
+    assert boasting["sure"]["cases"] == boasting["pairs"]
+    assert boasting["sure"]["rate"] < 0.9
     assert boasting["error"] > 0.3
     assert boasting["perfect"][1] < 0.03
 

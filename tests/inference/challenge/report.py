@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from .cases import COMPRESSED, PLAIN
-from .score import Rate, Record, alarmed, expected, rate, summary, top
+from .score import SURE, Rate, Record, alarmed, expected, rate, summary, top
 
 
 class Row(NamedTuple):
@@ -134,6 +134,7 @@ def rows(found: Mapping[str, Any]) -> Iterator[Row]:
     (mean, upper), value = error["perfect"], error["error"]
     text = f"{value:.3f}; perfect answerer {mean:.3f}, 95 % of them below {upper:.3f} ({error['pairs']} probabilities)"
     yield measured("ECE of inclusion less a perfect answerer's", value - mean, text, "0.14 (first answers)", most=0.03)
+    yield ruled(f"causes with a probability of {SURE:g} and more: there", error["sure"])
     gain, right = found["gain"], found["gain_named"]
     for what, own, old, goal in (("all", gain, "0.41", 0.85), ("rightly named", right, "0.69 *", None)):
         text = (

@@ -21,6 +21,8 @@ LEAST_ORACLE_NAT = 10.0
 """Below, the truth itself gains too little on the frames held back to take a share of it."""
 LEAST_SAID = 0.05
 """Probability of inclusion below which a cause is no part of the calibration: nearly all of those are zeros."""
+SURE = 0.8
+"""Probability from which a cause counts as told for sure."""
 STRONG = 7.0
 
 
@@ -172,7 +174,8 @@ def calibration(records: Sequence[Record]) -> dict[str, Any]:
         truth = right_ones(record["truth"])
         pairs += [(float(p), name in truth) for name, p in inside.items() if p >= LEAST_SAID]
     if not pairs:
-        return {"error": math.nan, "perfect": [math.nan, math.nan], "pairs": 0, "table": []}
+        none = rate([]).as_dict()
+        return {"error": math.nan, "perfect": [math.nan, math.nan], "pairs": 0, "table": [], "sure": none}
     shares, right = (np.array(v, float) for v in zip(*pairs, strict=True))
     place = np.minimum((shares * BINS).astype(int), BINS - 1)
 
@@ -188,7 +191,8 @@ def calibration(records: Sequence[Record]) -> dict[str, Any]:
         if (place == k).any()
     ]
     ends = [float(np.mean(perfect)), float(np.percentile(perfect, 95))]
-    return {"error": error(right), "perfect": ends, "pairs": len(pairs), "table": table}
+    sure = rate(right[shares >= SURE] > 0.5).as_dict()
+    return {"error": error(right), "perfect": ends, "pairs": len(pairs), "table": table, "sure": sure}
 
 
 def confusion(records: Sequence[Record]) -> dict[str, dict[str, int]]:

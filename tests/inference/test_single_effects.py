@@ -11,7 +11,7 @@ from scipy import stats
 
 from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
-from evanesce.inference.critic import Start
+from evanesce.inference.critic import Start, light_note
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
 from evanesce.inference.judge import Judge
@@ -180,7 +180,8 @@ def test_the_first_line_says_what_makes_it_doubtful():
 def test_the_first_line_begins_with_presses_that_contradict_each_other():
     nothing: Any = None
     gate = Gate((), {}, 1.0, ("frames of 1 N and 3.3 N look exchanged",))
-    notes = Start(nothing, nothing, gate, nothing, nothing).notes
+    base: Any = SimpleNamespace(point={"@light": 0.1})
+    notes = Start(nothing, nothing, gate, nothing, base).notes
     structure: Any = SimpleNamespace(found=False, sentence=lambda: "")
     assert first_line("none", [], 0.0, structure, None, "", notes).startswith(f"CAUTION: {gate.odd[0]}. ")
 
@@ -200,8 +201,8 @@ def test_a_contact_of_far_other_light_is_told_and_not_refused():
     lines, moved, light = _contact_lines([(seen, believed)])
     gate = Gate(tuple(lines), moved, light)
     assert not gate.gross
-    assert "0.13 of the scene's" in gate.note
-    assert not Gate((), {}, 0.5).note
+    assert "0.13 of the scene's" in light_note({"@light": float(np.log(light))})
+    assert not light_note({"@light": 0.5})
     lines, _, _ = _contact_lines([(Patch(20.0, 1.0, (0.0, 0.0), 200.0), believed)])
     assert Gate(tuple(lines), {}).gross
 

@@ -43,7 +43,7 @@
                                oval load at 5 N are 0.3, one is 0.1
 ``GROSS_FIELD``        0.05    relative error of the field of view beyond which it is another camera, lens or distance;
                                calibration targets are printed to one per cent
-``ODD_LEVEL``          4.0     ratio of measured to predicted level that the first line names: two stops of exposure
+``ODD_LIGHT``          2.0     ratio of real to nominal light that the first line names: a stop of exposure
 =====================  ======  ========================================================================================
 """
 
@@ -76,4 +76,4 @@ UNKNOWN_WAVES = 12
 GROSS_AREA = 1.35
 GROSS_AXES = 1.2
 GROSS_FIELD = 0.05
-ODD_LEVEL = 4.0
+ODD_LIGHT = 2.0

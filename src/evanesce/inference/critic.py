@@ -17,7 +17,7 @@ from evanesce.inference.card_start import on_prints
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
-from evanesce.inference.constants import CERTAIN
+from evanesce.inference.constants import CERTAIN, ODD_LIGHT
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
@@ -170,7 +170,8 @@ class Start:
     def notes(self) -> tuple[str, ...]:
         """To be read before probabilities are believed."""
         told = f"{self.codec} or so left {100 * self.kept:.0f} % of the camera's noise: {SILENT_WORDS}"
-        return tuple(n for n in (*self.gate.odd, self.gate.note, told if self.kept < SILENT else "") if n)
+        notes = (*self.gate.odd, light_note(self.base.point), told if self.kept < SILENT else "")
+        return tuple(n for n in notes if n)
 
     def with_noise(self, variance: float, rows: Array) -> Start:
         """Return the nominal fit where all noise has another variance, and some rows more are noise.
@@ -192,6 +193,14 @@ class Start:
         """Tell whether noise that hangs together is weaker than in another one by more than :data:`QUIETER`."""
         own, before = self.model.data.correlation, other.model.data.correlation
         return own is not None and before is not None and own.size < (1.0 - QUIETER) * before.size
+
+
+def light_note(point: Mapping[str, float]) -> str:
+    """Return what is odd about the light of a fitted point; empty for little."""
+    light = float(np.exp(point.get("@light", 0.0)))
+    if 1.0 / ODD_LIGHT <= light <= ODD_LIGHT:
+        return ""
+    return f"the light is {light:.2g} of the scene's: look at exposure, gain and voltage first"
 
 
 @dataclass(frozen=True)

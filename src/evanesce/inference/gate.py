@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from evanesce.bundle.board import board_of, other_card
 from evanesce.core.errors import EvanesceError
 from evanesce.inference.card_start import board_inverted, card_start
-from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD, ODD_LEVEL
+from evanesce.inference.constants import GROSS_AREA, GROSS_AXES, GROSS_FIELD
 from evanesce.inference.odd_presses import odd_presses
 from evanesce.inference.patch import Patch, PlateReader
 from evanesce.measurement.calibration.corners import CornerGrid, find_corners
@@ -81,13 +81,6 @@ class Gate:
     def gross(self) -> tuple[Line, ...]:
         """What is grossly different."""
         return tuple(line for line in self.lines if line.gross)
-
-    @property
-    def note(self) -> str:
-        """What is odd without being another rig: the light of the contact; empty for little."""
-        if not _beyond(self.light, ODD_LEVEL):
-            return ""
-        return f"the contact's level is {self.light:.2g} of the scene's: look at exposure, gain and voltage first"
 
     def sentence(self) -> str:
         """Return one line that names what is grossly different; empty if nothing is."""
@@ -171,8 +164,7 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
         for axis in "xy"
         if axis in start
     }
-    # far from the believed light, the fit starts at what is seen
-    bright = {"@light": float(np.log(light))} if _beyond(light, ODD_LEVEL) else {}
+    bright = {"@light": float(np.log(light))}
     odd = _odd(observation, plate)
     return Gate(tuple(lines), poses | bright | card_start(observation, coarse), light, tuple(odd))
 

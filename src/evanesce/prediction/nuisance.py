@@ -38,7 +38,7 @@ def nuisance_parameters(views: Sequence[View], flicker: float, noise: float = 0.
     lit = [k for k, v in enumerate(views) if v.touches]
     found: list[Parameter] = []
     if lit:
-        found.append(Parameter(name="@light", deviation=priors.LIGHT, step=0.01, views=tuple(lit)))
+        found.append(Parameter(name="@light", deviation=priors.LEVEL, step=0.01, views=tuple(lit)))
     found.append(Parameter(name="@black", unit="DN", deviation=priors.BLACK_DN, step=0.1))
     if noise > 0:
         found.append(Parameter(name="@noise", deviation=noise, step=0.02, linear=True))

@@ -1,7 +1,8 @@
 """Prior standard deviations of what every fit varies beside the causes, with what sets each.
 
 ===================  ======  ==========================================================================================
-``LIGHT``            0.3     logarithm of the light: nobody notes an exposure better, and LEDs of one type differ so
+``LEVEL``            1.0     logarithm of the level of frames: exposure, gain, LEDs and lens are stated to a factor
+``LIGHT``            0.3     logarithm of the light behind a series without frames: LEDs of one type differ so
 ``BLACK_DN``         0.3     black level [raw DN]: rounding of what a data sheet states
 ``POSE_MM``          1.0     place of finger and cards [mm]: set by hand
 ``LOAD``             0.003   logarithm of the load of a single frame: accuracy class of a small load cell
@@ -20,6 +21,7 @@
 
 from __future__ import annotations
 
+LEVEL = 1.0
 LIGHT = 0.3
 BLACK_DN = 0.3
 POSE_MM = 1.0

@@ -34,6 +34,21 @@ def spaces(rng: Any, causes: int = 6, forms: int = 3) -> Any:
     return rows, [n for n in rows if n != "nuisances"]
 
 
+def test_forms_of_a_very_strong_cause_that_are_nearly_alike_are_marginalised():
+    """Twelve forms that differ by a thousandth, of a cause of 30,000 standard deviations: what another one has left."""
+    rng, bins = np.random.default_rng(6), 40_000
+    form, other = rng.standard_normal(bins), rng.standard_normal((1, bins))
+    forms = (form + 0.001 * rng.standard_normal((12, bins))).astype(np.float32)
+    size = 3e4 / np.linalg.norm(forms[0])
+    gram, _ = SmallSpace({"forms": forms, "other": other}, np.zeros((0, bins))).marginalised(
+        {"forms": size}, ["other"], None
+    )
+    left, values, _ = np.linalg.svd(size * forms.astype(float).T, full_matrices=False)
+    seen = left.T @ other[0]
+    expected = other[0] @ other[0] - np.sum(seen**2 * values**2 / (1.0 + values**2))
+    assert gram[0, 0] == pytest.approx(expected, rel=1e-6)
+
+
 def test_evidence_is_the_ratio_of_normal_densities():
     """Against scipy's multivariate normal density, with the covariance of noise, nuisances and shapes written out."""
     rng = np.random.default_rng(3)

@@ -14,7 +14,8 @@ Array = NDArray[Any]
 MOST = 6e4
 """Of a row, which half precision can hold: where nothing scatters a bin is no better known than that."""
 CHUNK = 16_384
-"""Bins at a time: sums of squares of large rows need double precision, the rows themselves do not."""
+"""Bins at a time: products of rows of a thousand standard deviations, which are nearly alike, need double precision,
+the rows themselves do not."""
 
 
 def products(left: Array, right: Array) -> Array:
@@ -22,8 +23,7 @@ def products(left: Array, right: Array) -> Array:
     total = np.zeros((len(left), len(right)))
     for start in range(0, left.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
-        # Single precision within a chunk, double over chunks.
-        total += left[:, part].astype(np.float32) @ right[:, part].astype(np.float32).T
+        total += left[:, part].astype(float) @ right[:, part].astype(float).T
     return total
 
 

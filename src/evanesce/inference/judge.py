@@ -128,7 +128,7 @@ class Judge:
             what a fit says, its bounds kept, stands above what drawn forms say.
         """
         space, secants = self._space(fitted, fitted.ids)
-        own = self._own_forms(space, fitted)
+        own = self._other_laws(space, fitted)
         places = {}
         for number, name in enumerate(secants):
             others = [n for n in secants if n != name]
@@ -158,7 +158,7 @@ class Judge:
             Blocks of something unknown that are not asked about.
         """
         space, _ = self._space(fitted, ())
-        own = self._own_forms(space, fitted)
+        own = self._other_laws(space, fitted)
         marginal, rest = _marginal(fitted.ids, unknown, own), self._rest([*fitted.ids, *left_out], unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
         bare = {n: s for n, s in marginal.items() if n != DISCREPANCY and n not in own}
@@ -245,17 +245,22 @@ class Judge:
         found = noise_along(gram[:count, :count], gram[:count, count:], evidence, kinds)
         return found.variance, self._forms.combined(found.factors, self.known)
 
-    def _own_forms(self, space: SmallSpace, fitted: JointFit) -> dict[str, Array]:
-        """Return by which factors the forms of taken causes are in the data, by cause: all together as its change is.
+    def _other_laws(self, space: SmallSpace, fitted: JointFit) -> dict[str, Array]:
+        """Return by which factors the forms of taken causes are in the data, by cause: those of their other laws.
 
-        The law that was fitted is one of those that the cause may have.
+        All together are as strong as the cause: the law that was fitted is one of those that it may have. Forms by the
+        same law at other figures are none, for figures are fitted.
         """
         found = {}
         for name, size in self.discrepancy.sizes(fitted).items():
-            if name in space.places:
-                rows = space.places[name]
-                norms = np.sqrt(np.maximum(np.diag(space.gram)[rows], LEAST_NORM**2))
-                found[name] = size / norms / np.sqrt(len(rows))
+            count, drawn = len(all_laws().get(name, ())), len(self._forms.places.get(name, ()))
+            if not 0 < count < drawn:
+                continue
+            factors = np.zeros(len(space.places[name]))
+            laws = slice(drawn - count, drawn)
+            norms = np.sqrt(np.diag(space.gram)[space.places[name][laws]])
+            factors[laws] = np.where(norms > LEAST_NORM, size / np.maximum(norms, LEAST_NORM) / np.sqrt(count), 0.0)
+            found[name] = factors
         return found
 
     def _rest(self, taken: Iterable[str], unknown: Iterable[str]) -> list[str]:

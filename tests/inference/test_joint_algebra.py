@@ -710,6 +710,30 @@ def test_a_faint_ripple_beside_a_loud_cause_has_to_move_the_area(moved, taken):
     assert ("moves the area by 0.05 %" in search.not_taken["band"]) == ("band" not in taken)
 
 
+@pytest.mark.parametrize("again", [True, False])
+def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
+    """Rationale: a scratch was told that had stood out of what vignetting left, before that was taken."""
+    fitter, causes = toy({"band:x": 0.2, "a:x": 1.0}, decoys=3)
+    own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
+    fitter.model.list_defects = lambda effect, settings: None
+    found, sought = Scan(listed=(placed(causes[0], own, {}, 0.2),), ripples={"band": 200.0}), []
+
+    def scan(point: Any) -> Scan:
+        sought.append(point)
+        return found if again or len(sought) == 1 else Scan()
+
+    search, fit, _ = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=scan))
+    assert set(fit.ids) == {"a", "band"}
+    assert len(sought) == 1
+    assert search._with_defects_anew(fit) is None  # beside the same causes
+    search._sought_beside = frozenset()
+    anew = search._with_defects_anew(fit)
+    assert "band:x" not in sought[-1]
+    assert ("band" in anew.ids) is again
+    assert ([step.move for step in search.steps].count("drop") == 0) is again
+    assert search._with_defects_anew(anew) is None  # once
+
+
 def test_a_cause_that_stands_in_for_another_shares_its_place():
     """Two causes of nearly one map: whichever is taken, its credible set holds both."""
     fitter, causes = toy({"a:x": 0.02, "c:x": 0.5})

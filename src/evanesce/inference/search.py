@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
 from evanesce.inference.constants import DETECTED, FITTED, LEAST_SHARE, SUBSTITUTE, WORTH
+from evanesce.inference.explained import Scan
+from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.marks import NEAR, MarkSearch
 from evanesce.inference.moves import Moves
@@ -51,6 +53,8 @@ class Search(Moves):
     fitted: int = FITTED
     marks: MarkSearch | None = None
     _scanned: bool = False
+    _sought_beside: frozenset[str] | None = None
+    """Causes beside which defects were sought; None once they have been sought again."""
     _renewed: frozenset[str] | None = None
     """Causes about which all derivatives were made anew last."""
 
@@ -78,9 +82,11 @@ class Search(Moves):
             if moved is not None:
                 seen.add(known)
             if turning or len(self.steps) >= MOVES or (moved is None and len(self._behind) == compared):
-                best = now.known_alone()
-                self.floor = self._floor(best, posterior)
-                return best, posterior
+                moved = self._with_defects_anew(now)
+                if moved is None:
+                    best = now.known_alone()
+                    self.floor = self._floor(best, posterior)
+                    return best, posterior
             now = now if moved is None else self._grown(moved)
 
     def _floor(self, best: JointFit, posterior: Posterior) -> float:
@@ -189,6 +195,7 @@ class Search(Moves):
         if self.marks is None or self._scanned:
             return now
         self._scanned = True
+        self._sought_beside = frozenset(now.ids)
         self.tell("localised defects")
         self.scan = self.marks.scan(now.point)
         new = [found for found in self.scan.listed if found.taken.id not in now.ids]
@@ -208,6 +215,28 @@ class Search(Moves):
             self._note("add", own, better, now, f"{max(len(self.scan.by_cause.get(own, ())), 1)} places stand out")
             self.tell(self._words(better))
         return better
+
+    def _with_defects_anew(self, now: JointFit) -> JointFit | None:
+        """Return the fit with defects sought about it; None where the causes are those beside which they were sought.
+
+        What causes that were not taken yet had left beside an edge stood out as well.
+        """
+        listed, beside = {found.taken.id for found in self.scan.listed}, self._sought_beside
+        if not listed or beside is None or frozenset(now.ids) - listed == beside:
+            return None
+        own = {k for name in listed for k in now.of_cause(name).tolist()}
+        rows = now.solution.rows[[k for k in range(len(now.parameters)) if k not in own]]
+        point = {name: value for name, value in now.point.items() if name.partition(":")[0] not in listed}
+        kept = [t for t in now.taken if t.id not in listed]
+        without = self.fitter.relinearised(kept, point, Slopes(rows), renewals=0)
+        self.refused = {name: why for name, why in self.refused.items() if name not in listed}
+        self.scan, self._scanned = Scan(), False
+        again = self._with_defects(without)
+        self._sought_beside = None
+        for name in sorted(listed - set(again.ids)):
+            self._note("drop", name, again, now, "stood out beside fewer causes, and does so no more")
+            self.tell(self._words(again))
+        return again
 
     def _denied(self, now: JointFit, listed: Sequence[Taken], start: Mapping[str, float]) -> dict[str, str]:
         """Return which causes whose places were found are not taken, with the reason, by a trial fit of them all.

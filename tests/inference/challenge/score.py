@@ -21,7 +21,7 @@ LEAST_ORACLE_NAT = 10.0
 """Below, the truth itself gains too little on the frames held back to take a share of it."""
 LEAST_SAID = 0.05
 """Probability of inclusion below which a cause is no part of the calibration: nearly all of those are zeros."""
-SURE = 0.8
+SURE = 0.7
 """Probability from which a cause counts as told for sure."""
 STRONG = 7.0
 
@@ -370,6 +370,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
             for g in ("unknown", "removed")
         },
         "calibration": calibration(good),
+        "sure_plain": calibration([r for r in good if r["truth"]["noise"] in PLAIN])["sure"],
         "gain": _spread([s for s in map(gain_share, good) if s is not None]),
         "gain_named": _spread([s for r in singles if first_right(r) and (s := gain_share(r)) is not None]),
         "intervals": coverage(good),

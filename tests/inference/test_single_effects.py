@@ -210,6 +210,13 @@ def test_the_first_line_says_what_could_not_be_fitted():
     assert "creep" not in told
 
 
+def test_the_first_line_says_that_what_is_left_may_be_what_was_given_up():
+    structure = left(lambda x, y: 0.02 * np.cos(2 * np.pi * 0.3 * x))
+    assert structure.found
+    told = first_line("unknown", [], 0.0, structure, None, "", idle=("led_imbalance",))
+    assert told.endswith("; or it is led_imbalance, without effect on the area.")
+
+
 def test_a_contact_of_far_other_light_is_told_and_not_refused():
     """As behind glass that absorbs eight times as much: a setting or a cause, no other rig."""
     seen, believed = Patch(10.0, 1.01, (0.1, -0.2), 28.0), Patch(10.2, 1.0, (0.0, 0.0), 214.0)

@@ -238,7 +238,7 @@ def answer(
         "method": "joint",
         "verdict": verdict,
         "first_line": first_line(
-            verdict, named, explained, left, gain, told_fields(search.unknown), notes, posterior.further
+            verdict, named, explained, left, gain, told_fields(search.unknown), notes, posterior.further, search.idle
         ),
         "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],
@@ -289,6 +289,7 @@ def first_line(
     fields: str,
     notes: Sequence[str] = (),
     further: Place | None = None,
+    idle: Sequence[str] = (),
 ) -> str:
     """Return the sentence that a reader needs if they read no other.
 
@@ -302,8 +303,12 @@ def first_line(
         What makes it doubtful.
     further : Place, optional
         Of one more cause: what is said where none could be fitted.
+    idle : sequence of str
+        Causes that were given up for doing nothing to the area: what is left may be theirs.
     """
     told = left.sentence() if left.found else fields
+    if idle and left.found:
+        told += f"; or it is {' or '.join(idle)}, without effect on the area"
     warning = "".join(f"CAUTION: {note}. " for note in notes)
     if verdict == "none":
         return f"{warning}The data are what the scene predicts, as far as their scatter lets anything be seen."

@@ -28,6 +28,9 @@ AHEAD = 1.0
 GAVE_WAY = "something unknown is more probable in its place"
 """Of a cause that was given up for something unknown, as long as that is there."""
 
+DROPPED, REMOVES = "dropped", "removes"
+"""Words with which reasons begin."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -93,6 +96,11 @@ class Moves(Trials):
         """Causes that are not in the fit though they were tried or not worth it, with the reason."""
         return {**self.refused, **self.in_vain, **self.faint}
 
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """Causes that were dropped for moving no area: what is left may be theirs."""
+        return tuple(name for name, why in self.refused.items() if why.startswith(f"{DROPPED}: {REMOVES}"))
+
     def share(self, misfit: float) -> float:
         """Return a misfit over what there was to explain."""
         return misfit / max(self.first - self.floor, 1.0)
@@ -131,7 +139,7 @@ class Moves(Trials):
         if change.largest >= LEAST_AREA or not np.isfinite(change.change_percent).any():
             return ""
         share = f"{100 * removed / explained:.2g} % of what the others remove"
-        return f"removes {share}, moves the area by {100 * change.largest:.2g} %"
+        return f"{REMOVES} {share}, moves the area by {100 * change.largest:.2g} %"
 
     def _dropped(self, now: JointFit, posterior: Posterior) -> JointFit | None:
         """Return the fit without a cause whose place is more probably empty, or filled by something unknown."""
@@ -155,7 +163,7 @@ class Moves(Trials):
             reason = "its place is more probably empty" if empty else self._idle_by_now(now, name)
             without = self._refitted(now, name) if reason else None
             if without is not None:
-                self.refused[name] = f"dropped: {reason}"
+                self.refused[name] = f"{DROPPED}: {reason}"
                 self._note("drop", name, without, now, reason)
                 self.tell(self._words(without))
                 return without

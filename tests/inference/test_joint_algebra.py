@@ -734,6 +734,23 @@ def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
     assert search._with_defects_anew(anew) is None  # once
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_defects_that_the_first_scan_did_not_see_are_found_beside_more_causes(there):
+    fitter, causes = toy({"band:x": 0.2, "a:x": 1.0}, decoys=3)
+    own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
+    fitter.model.list_defects = lambda effect, settings: None
+    found, sought = Scan(listed=(placed(causes[0], own, {}, 0.2),), ripples={"band": 200.0}), []
+
+    def scan(point: Any) -> Scan:
+        sought.append(point)
+        return found if there and len(sought) == 2 else Scan()
+
+    search, fit, _ = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=scan))
+    search._sought_beside = frozenset()
+    anew = search._with_defects_anew(fit)
+    assert anew is None if not there else "band" in anew.ids
+
+
 def test_a_cause_that_stands_in_for_another_shares_its_place():
     """Two causes of nearly one map: whichever is taken, its credible set holds both."""
     fitter, causes = toy({"a:x": 0.02, "c:x": 0.5})

@@ -219,16 +219,16 @@ class Search(Moves):
     def _with_defects_anew(self, now: JointFit) -> JointFit | None:
         """Return the fit with defects sought about it; None where the causes are those beside which they were sought.
 
-        What causes that were not taken yet had left beside an edge stood out as well.
+        What causes that were not taken yet had left beside an edge stood out as well, and hid what should have.
         """
         listed, beside = {found.taken.id for found in self.scan.listed}, self._sought_beside
-        if not listed or beside is None or frozenset(now.ids) - listed == beside:
+        if beside is None or frozenset(now.ids) - listed == beside:
             return None
         own = {k for name in listed for k in now.of_cause(name).tolist()}
         rows = now.solution.rows[[k for k in range(len(now.parameters)) if k not in own]]
         point = {name: value for name, value in now.point.items() if name.partition(":")[0] not in listed}
         kept = [t for t in now.taken if t.id not in listed]
-        without = self.fitter.relinearised(kept, point, Slopes(rows), renewals=0)
+        without = self.fitter.relinearised(kept, point, Slopes(rows), renewals=0) if listed else now
         self.refused = {name: why for name, why in self.refused.items() if name not in listed}
         self.scan, self._scanned = Scan(), False
         again = self._with_defects(without)
@@ -236,7 +236,7 @@ class Search(Moves):
         for name in sorted(listed - set(again.ids)):
             self._note("drop", name, again, now, "stood out beside fewer causes, and does so no more")
             self.tell(self._words(again))
-        return again
+        return None if again is now else again
 
     def _denied(self, now: JointFit, listed: Sequence[Taken], start: Mapping[str, float]) -> dict[str, str]:
         """Return which causes whose places were found are not taken, with the reason, by a trial fit of them all.

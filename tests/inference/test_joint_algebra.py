@@ -710,9 +710,8 @@ def test_a_faint_ripple_beside_a_loud_cause_has_to_move_the_area(moved, taken):
     assert ("moves the area by 0.05 %" in search.not_taken["band"]) == ("band" not in taken)
 
 
-@pytest.mark.parametrize("again", [True, False])
-def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
-    """Rationale: a scratch was told that had stood out of what vignetting left, before that was taken."""
+def seen_in(scans: tuple[bool, bool]) -> tuple[Search, JointFit, list[Any]]:
+    """Return the search of a rig with a band which only some of two scans see, its fit, and the points of the scans."""
     fitter, causes = toy({"band:x": 0.2, "a:x": 1.0}, decoys=3)
     own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
     fitter.model.list_defects = lambda effect, settings: None
@@ -720,11 +719,18 @@ def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
 
     def scan(point: Any) -> Scan:
         sought.append(point)
-        return found if again or len(sought) == 1 else Scan()
+        return found if scans[len(sought) - 1] else Scan()
 
     search, fit, _ = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=scan))
-    assert set(fit.ids) == {"a", "band"}
     assert len(sought) == 1
+    return search, fit, sought
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
+    """Rationale: a scratch was told that had stood out of what vignetting left, before that was taken."""
+    search, fit, sought = seen_in((True, again))
+    assert set(fit.ids) == {"a", "band"}
     assert search._with_defects_anew(fit) is None  # beside the same causes
     search._sought_beside = frozenset()
     anew = search._with_defects_anew(fit)
@@ -736,16 +742,7 @@ def test_defects_are_sought_again_about_a_fit_with_more_causes(again):
 
 @pytest.mark.parametrize("there", [True, False])
 def test_defects_that_the_first_scan_did_not_see_are_found_beside_more_causes(there):
-    fitter, causes = toy({"band:x": 0.2, "a:x": 1.0}, decoys=3)
-    own = Parameter(name="band:x", deviation=1.0, step=0.01, bounds=(0.0, 5.0))
-    fitter.model.list_defects = lambda effect, settings: None
-    found, sought = Scan(listed=(placed(causes[0], own, {}, 0.2),), ripples={"band": 200.0}), []
-
-    def scan(point: Any) -> Scan:
-        sought.append(point)
-        return found if there and len(sought) == 2 else Scan()
-
-    search, fit, _ = searched(fitter, causes[1:], SimpleNamespace(model=fitter.model, scan=scan))
+    search, fit, _ = seen_in((False, there))
     search._sought_beside = frozenset()
     anew = search._with_defects_anew(fit)
     assert anew is None if not there else "band" in anew.ids

@@ -1,11 +1,12 @@
 """Areas of Silskin 20 % from the thesis beside the nominal model and beside single causes fitted to them.
 
-Run: python docs/validation/criticism_thesis.py BUNDLE PICTURE (some minutes)
+Run: python docs/validation/criticism_thesis.py BUNDLE PICTURE [--other BUNDLE] (some minutes)
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -14,17 +15,27 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from evanesce.bundle import read_bundle
+from evanesce.bundle import Series, read_bundle
 from evanesce.effects import all_effects
 from evanesce.inference.causes import causes_of
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import Taken
 from evanesce.inference.series.critic import observation_of
 from evanesce.inference.series.model import SeriesModel
+from evanesce.inference.series.predict import Point, SeriesPredictor
 from evanesce.inference.series.rows import rows_of
 
+OTHER_N = 5.0  # the force at which the thesis compares its fingers
 SHOWN = ("lateral_glow", "led_edge_reflections", "modulus", "creep")
 COLOURS = ("tab:blue", "tab:cyan", "tab:red", "tab:orange")
+
+
+def show_other(path: Path, series: Series, cause: str, point: Point) -> None:
+    """Print what a cause, as fitted to one finger's areas, makes of another's at ``OTHER_N``, its light as believed."""
+    asked = replace(series, x=np.array([OTHER_N]), y=np.ones(1), sigma=None)
+    predictor = SeriesPredictor(read_bundle(path).scene, fine=True)
+    for told, values in (("nominal model", {}), (cause, point)):
+        print(f"{path.name} at {OTHER_N:g} N, {told}: {np.exp(predictor.log(asked, values))[0]:.1f} mm^2")
 
 
 def main() -> None:
@@ -32,6 +43,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("bundle", type=Path)
     parser.add_argument("picture", type=Path)
+    parser.add_argument("--other", type=Path, help="bundle of a finger that the first cause has to suit as well")
     given = parser.parse_args()
     bundle = read_bundle(given.bundle)
     rows, held_out, _ = rows_of(bundle.series)
@@ -63,6 +75,8 @@ def main() -> None:
         values = ", ".join(f"{p.name.partition(':')[2]} {found.point[p.name]:.3g} {p.unit}" for p in cause.parameters)
         spread = f"thesis over model {off.min():+.0%} to {off.max():+.0%}"
         print(f"{name}: misfit {found.misfit:.1f}; {values}; light {found.point['@light']:.2f}; {spread}")
+        if given.other and name == SHOWN[0]:
+            show_other(given.other, series, name, {p.name: found.point[p.name] for p in cause.parameters})
         left.plot(series.x, np.exp(predicted), color=colour, label=name)
         right.plot(series.x, np.exp(rows.log_y - predicted), "o-", ms=3, color=colour, label=name)
     right.fill_between(series.x, 1 - sd, 1 + sd, color="0.85")

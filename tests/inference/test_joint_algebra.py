@@ -660,6 +660,25 @@ def test_what_is_lost_without_a_cause_is_what_it_brought(bend, limit):
     assert abs(loss_of(found, "a") - lost) > 0.2 * lost
 
 
+def test_what_is_lost_without_a_cause_does_not_vanish_beside_something_unknown():
+    """Causes were fitted with the unknown marginalised: without it they would take some of it over, the others alike."""
+    fitter, causes = toy({"a:x": 1.0, "b:x": 0.2})
+    search, found, _ = searched(fitter, causes)
+    brought = search.lost(found, "b")
+    maps = {
+        name: fitter.model.data.whitened(rows) for name, rows in fitter.model.maps.items() if name in ("a:x", "b:x")
+    }
+    odd = 3.0 * (maps["a:x"] + 0.5 * maps["b:x"])
+    fitter.observed, fitter.fields = fitter.observed + odd, odd[None].astype(np.float32)
+    held = fitter.relinearised(found.taken, found.point).known_alone()
+    plain = fitter.fitted(held.taken, held.point, metric=held.metric)
+    assert held.misfit > plain.misfit + brought
+    without = search._refitted(held, "b", fine=False)
+    assert without.misfit < held.misfit
+    assert search.lost(held, "b") == pytest.approx(without.misfit - plain.misfit, rel=0.01)
+    assert search.lost(held, "b") > 0.0
+
+
 def test_noise_alone_adds_nothing():
     _, found, posterior = searched(*toy({}))
     assert found.ids == ()

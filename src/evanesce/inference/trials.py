@@ -53,6 +53,8 @@ class Trials:
     refused: dict[str, str] = field(default_factory=dict)
     _weighed: tuple[JointFit, Metric] | None = None
     """The metric in which fits are weighed against one, its discrepancy marginalised."""
+    _whole: tuple[JointFit, float] | None = None
+    """A fit, and what its causes leave at the best."""
 
     def _worth_entering(self, ranked: Sequence[str]) -> Sequence[str]:
         """Return which causes of a list, the likeliest first, are entered."""
@@ -130,10 +132,19 @@ class Trials:
         """Return by how much the misfit rises without a cause, all else fitted again within its bounds.
 
         A straight line about the fit does not know that a nuisance which makes up for the cause has a bound, nor that
-        a strong cause bends.
+        a strong cause bends. Where something unknown held the fit elsewhere, that is not the best one without it.
         """
         without = self._refitted(now, name, fine=False)
-        return loss_of(now, name) if without is None else max(without.misfit - now.misfit, 0.0)
+        return loss_of(now, name) if without is None else max(without.misfit - self._least(now), 0.0)
+
+    def _least(self, now: JointFit) -> float:
+        """Return the misfit with all causes, fitted again where something unknown was marginalised beside them."""
+        if not len(self.fitter.fields) or now.fields:
+            return now.misfit
+        if self._whole is None or self._whole[0] is not now:
+            whole = self._refitted(now, "", fine=False)
+            self._whole = now, now.misfit if whole is None else min(whole.misfit, now.misfit)
+        return self._whole[1]
 
     def _lacking(self, now: JointFit, name: str) -> JointFit:
         """Return the fit without a cause, all else as it is: its misfit that with all else marginalised.

@@ -661,7 +661,7 @@ def test_what_is_lost_without_a_cause_is_what_it_brought(bend, limit):
 
 
 def test_what_is_lost_without_a_cause_does_not_vanish_beside_something_unknown():
-    """Causes were fitted with the unknown marginalised: without it they would take some of it over, the others alike."""
+    """Causes were fitted with the unknown marginalised: without that they would all take some of it over."""
     fitter, causes = toy({"a:x": 1.0, "b:x": 0.2})
     search, found, _ = searched(fitter, causes)
     brought = search.lost(found, "b")

@@ -679,6 +679,22 @@ def test_what_is_lost_without_a_cause_does_not_vanish_beside_something_unknown()
     assert search.lost(held, "b") > 0.0
 
 
+def test_a_judge_goes_on_with_other_noise_as_if_it_were_made_anew():
+    spaces = []
+    for changed in (False, True):
+        fitter, causes = toy({"a:x": 1.0}, decoys=2)
+        bank = ToyBank(fitter.model, np.random.default_rng(7))
+        data = fitter.model.data
+        louder = replace(data, sd=np.sqrt(2.5) * data.sd)
+        fitter.model.data = data if changed else louder
+        found = Judge(fitter, causes, bank, SimpleNamespace())  # type: ignore[arg-type]
+        if changed:
+            found.set_noise(fitter, 2.5)
+        spaces.append((found._forms.gram, found._forms.rows.astype(float)))
+    for own, other in zip(*spaces, strict=True):
+        assert own == pytest.approx(other, rel=2e-3, abs=1e-3 * np.abs(other).max())
+
+
 def test_noise_alone_adds_nothing():
     _, found, posterior = searched(*toy({}))
     assert found.ids == ()

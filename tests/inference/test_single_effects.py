@@ -150,8 +150,18 @@ def test_noise_has_evenly_spread_p_values():
     found = []
     for number in range(400):
         _, along = space.marginalised({"nuisances": 1.0}, names, number)
-        found.append(p_value(place_of(shapes, {n: along[3 * k : 3 * k + 3] for k, n in enumerate(names)}), null))
+        found.append(
+            p_value(place_of(shapes, {n: along[3 * k : 3 * k + 3] for k, n in enumerate(names)}), lambda: null)
+        )
     assert stats.kstest(found, "uniform").pvalue > 1e-3
+    for factor in (10.0, 100.0, 1000.0):  # as rare as a mean Bayes factor of mean 1 has to be
+        assert np.mean(null > np.log(factor)) < 1.0 / factor
+
+
+def test_evidence_beyond_all_draws_needs_none():
+    strong, weak = (Place.of({"a": nats}) for nats in (12.0, 9.0))
+    assert p_value(strong, lambda: pytest.fail("drawn")) == pytest.approx(1.0 / 20_001)
+    assert p_value(weak, lambda: np.linspace(0.0, 20.0, 100)) == pytest.approx(1.0 - 45 / 101, abs=0.02)
 
 
 def test_verdict_never_contradicts_the_probabilities():

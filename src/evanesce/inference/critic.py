@@ -241,13 +241,14 @@ def _searched(start: Start, exclude: Collection[str], seed: int, tell: Tell) -> 
     causes, left_out = causes_of(start.observation, {*exclude, *(CODEC_CAUSES if start.behind else ())})
     bank = bank_of(model, _place(start.gate.start), tell)
     smooth = [cause for cause in causes if not cause.placed]
-    if start.film:
-        tell("the codec's noise along the forms of causes")
-        judge = Judge(fitter, smooth, bank, discrepancy_of(model))
-        start = start.with_noise(*judge.noise(start.base, start.film.draws(model), start.film.made.encoders))
-        fitter = start.fitter
     discrepancy = discrepancy_of(model)
     judge = Judge(fitter, smooth, bank, discrepancy, seed=seed)
+    if start.film:
+        tell("the codec's noise along the forms of causes")
+        variance, rows = judge.noise(start.base, start.film.draws(model), start.film.made.encoders)
+        start = start.with_noise(variance, rows)
+        fitter = start.fitter
+        judge.set_noise(fitter, variance)
     marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
     search = Search(fitter, smooth, judge, tell, marks=marks, areas=AreaReader(model))
     best, posterior = search.run(start.base)

@@ -145,23 +145,34 @@ def _most_predictive(samples: Array, folds: Sequence[Sequence[int]]) -> tuple[fl
     so that each fold of samples is likeliest by the others.
     """
     size = len(samples)
-    found = []
-    for share in SHRINKAGES:
-        squares, logs = [], []
-        for fold in folds:
-            rest = np.delete(samples, fold, axis=1)
-            values, axes = np.linalg.eigh(_shrunk(rest, share))
-            away = axes.T @ (samples[:, fold] - rest.mean(axis=1, keepdims=True))
-            squares += [float(one) for one in (away**2 / values[:, None]).mean(axis=0)]
-            logs += [float(np.log(values).sum())] * len(fold)
-        scale = float(np.mean(squares))
-        found.append((size * np.log(scale) + float(np.mean(logs)), scale, share))
-    return min(found)[1:]
+    squares, logs = np.zeros((len(SHRINKAGES), 0)), np.zeros((len(SHRINKAGES), 0))
+    for fold in folds:
+        rest = np.delete(samples, fold, axis=1)
+        about, away = rest - rest.mean(axis=1, keepdims=True), samples[:, fold] - rest.mean(axis=1, keepdims=True)
+        alone = _alone(about)
+        # As many rows as samples beside a diagonal: no matrix of all directions has to be turned around.
+        between, to = about.T @ (about / alone[:, None]), about.T @ (away / alone[:, None])
+        own, each = (away**2 / alone[:, None]).sum(axis=0), []
+        for share in SHRINKAGES:
+            weight = (1.0 - share) / (share * (rest.shape[1] - 1))
+            inner = np.eye(len(between)) + weight * between
+            square = (own - weight * (to * np.linalg.solve(inner, to)).sum(axis=0)) / (share * size)
+            each.append((square, size * np.log(share) + np.log(alone).sum() + np.linalg.slogdet(inner)[1]))
+        squares = np.column_stack([squares, [square for square, _ in each]])
+        logs = np.column_stack([logs, [[log] * len(fold) for _, log in each]])
+    scale = squares.mean(axis=1)
+    best = int(np.argmin(size * np.log(scale) + logs.mean(axis=1)))
+    return float(scale[best]), SHRINKAGES[best]
+
+
+def _alone(about: Array) -> Array:
+    """Return the variances (r,) of samples (r, n) less their mean, smooth over directions."""
+    variances = (about**2).sum(axis=1) / (about.shape[1] - 1)
+    return np.asarray(ndimage.uniform_filter1d(variances, ALIKE, mode="nearest"))
 
 
 def _shrunk(samples: Array, share: float) -> Array:
     """Return the covariance of samples (r, n), a share of it replaced by variances alone, smooth over directions."""
     about = samples - samples.mean(axis=1, keepdims=True)
     covariance = about @ about.T / (samples.shape[1] - 1)
-    alone = ndimage.uniform_filter1d(np.diag(covariance), ALIKE, mode="nearest")
-    return np.asarray((1.0 - share) * covariance + share * np.diag(alone))
+    return np.asarray((1.0 - share) * covariance + share * np.diag(_alone(about)))

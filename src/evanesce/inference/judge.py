@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -92,6 +93,14 @@ class Judge:
         blocks = bank.blocks(causes, fitter.model.data)
         self.known = tuple(blocks)
         self._forms = SmallSpace(blocks, np.zeros((0, fitter.observed.size)), coarse=True)
+
+    def set_noise(self, fitter: Fitter, variance: float) -> None:
+        """Go on with data whose noise has another variance, in units of the present one.
+
+        Forms are counted in its standard deviations; those of something unknown are as large as can be told anyway.
+        """
+        self.fitter = fitter
+        self._forms.scale([name for name in self.known if cause_of(name) != UNKNOWN], 1.0 / float(np.sqrt(variance)))
 
     def _shapes(self, name: str, gram: Array) -> Shapes:
         reach = np.inf if cause_of(name) == UNKNOWN else self.reach
@@ -313,7 +322,7 @@ class Judge:
             for name, value in place.log_bayes.items():
                 log_bayes[name] = float(np.logaddexp(log_bayes.get(name, -np.inf), weight + value))
             if with_p:
-                null = null_statistics(shapes, gram, generator(self.seed, "null statistics"))
+                null = partial(null_statistics, shapes, gram, generator(self.seed, "null statistics"))
                 p += float(np.exp(weight)) * p_value(place, null)
         return Place.of(log_bayes), p
 

@@ -23,7 +23,9 @@ def products(left: Array, right: Array) -> Array:
     total = np.zeros((len(left), len(right)))
     for start in range(0, left.shape[1], CHUNK):
         part = slice(start, start + CHUNK)
-        total += left[:, part].astype(float) @ right[:, part].astype(float).T
+        one = left[:, part].astype(float)
+        # NumPy makes half of a product with an array's own transpose, which is symmetric.
+        total += one @ (one if right is left else right[:, part].astype(float)).T
     return total
 
 
@@ -65,6 +67,15 @@ class SmallSpace:
         for name, own in _places(blocks, len(self.rows)).items():
             both.places[name] = np.concatenate([both.places.get(name, np.zeros(0, int)), own])
         return both
+
+    def scale(self, names: Sequence[str], factor: float) -> None:
+        """Multiply the rows of some blocks, in place."""
+        own = self.of(names)
+        self.rows[own] = np.clip(self.rows[own].astype(np.float32) * factor, -MOST, MOST)
+        each = np.ones(len(self.gram))
+        each[own] = factor
+        self.gram *= np.outer(each, each)
+        self.along *= each
 
     def of(self, names: Sequence[str]) -> NDArray[np.int_]:
         """Return the places of the rows of some blocks, one after the other."""

@@ -5,8 +5,9 @@ Compared are the scatter of pixels and bins, its likeness from frame to frame, a
 
 from __future__ import annotations
 
+import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,7 +34,8 @@ REFINED = ((2, 1.12), (1, 1.06))
 """Rounds about the best: steps of quality, and of the noise before the codec, together."""
 
 OTHERS = (-4, -2, 0, 2, 4)
-"""Steps of quality from the best at which other encoders are tried: one that looks ahead keeps less of the noise."""
+"""Steps of quality from the best at which other encoders are tried: one that looks ahead keeps less of the noise. Their
+noise is refined once: which one filmed is hardly told."""
 
 LEAST_LIKELY = 0.01
 """Over the most probable one: less probable ones are no draw of some tens."""
@@ -49,6 +51,9 @@ LEVEL_DN, LEVEL_SHARE = 0.1, 0.05
 
 FILMED = 3
 """Frames of a video for each that was kept, at first; one is tried, too."""
+
+FILMS_KEPT = 4
+"""Of frames before a codec, each of one noise: qualities are tried with the same ones; some tens of megabytes each."""
 
 WINDOW_PX = (480, 640)
 """Part of the frame, where it is brightest, by which the codec is chosen."""
@@ -92,17 +97,19 @@ def codec_of(
     seed = int(rng.integers(2**32))
     tried: dict[tuple[Codec, float], float] = {}
 
-    def unlike(codec: Codec, scale: float) -> float:
+    @functools.lru_cache(FILMS_KEPT)
+    def film(scale: float, kind: Kind, filmed: int) -> list[Array]:
+        """Return the frames before a codec: the same noise for each."""
         taking, noise = replace(shooting, scale=scale), np.random.default_rng(seed)
+        found = []
+        for state in [*(states if kind == "h264" else ()), *[picture[real]] * len(held)]:
+            # Each frame of the replicates has a light of its own.
+            frames = taking.frames(taking.signal(state), noise)
+            found += [next(frames) for _ in range(filmed)]
+        return found
 
-        def film() -> Iterator[Array]:
-            for state in [*(states if codec.kind == "h264" else ()), *[picture[real]] * len(held)]:
-                # Each frame of the replicates has a light of its own.
-                frames = taking.frames(taking.signal(state), noise)
-                for _ in range(codec.filmed):
-                    yield next(frames)
-
-        back = list(codec.through(film()))[-len(held) :]
+    def unlike(codec: Codec, scale: float) -> float:
+        back = list(codec.through(iter(film(scale, codec.kind, codec.filmed))))[-len(held) :]
         found, sd = _traits(np.array([shooting.binned(b) for b in back]), pixel_scatter(back, shooting.factor), borders)
         off = float(np.nansum(((seen - found) / np.hypot(sd, seen_sd)) ** 2))
         return off + float(np.log(scale / shooting.scale) / SCALE_UNKNOWN) ** 2
@@ -111,13 +118,13 @@ def codec_of(
         new = [pair for pair in dict.fromkeys(pairs) if pair not in tried]
         tried.update(zip(new, one_by_one(lambda k: unlike(*new[k]), len(new)), strict=True))
 
-    def refine(maker: str) -> tuple[Codec, float]:
+    def refine(maker: str, rounds: Sequence[tuple[int, float]] = REFINED) -> tuple[Codec, float]:
         own = [pair for pair in tried if pair[0].maker == maker]
-        for steps, times in REFINED:
+        for steps, times in rounds:
             # How much noise came in and how much was kept back take each other's place.
             best, scale = min(own, key=lambda t: tried[t])
-            around = itertools.product((0,) if known else (-steps, 0, steps), (1.0 / times, 1.0, times))
-            attempt((best.worse(step), scale * factor) for step, factor in around)
+            around = itertools.product((1.0 / times, 1.0, times), (0,) if known else (-steps, 0, steps))
+            attempt((best.worse(step), scale * factor) for factor, step in around)
             own = [pair for pair in tried if pair[0].maker == maker]
         return min(own, key=lambda t: tried[t])
 
@@ -133,7 +140,7 @@ def codec_of(
         attempt([(replace(best, filmed=1), scale)])
         for one in ENCODERS[1:]:
             attempt((replace(best, encoder=one).worse(step), scale) for step in OTHERS)
-            refine(one)
+            refine(one, REFINED[-1:])
     return _likely(tried, traits)
 
 

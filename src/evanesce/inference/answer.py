@@ -307,7 +307,7 @@ def first_line(
         Causes that were given up for doing nothing to the area: what is left may be theirs.
     """
     told = left.sentence() if left.found else fields
-    if idle and left.found:
+    if idle and "unknown" in verdict:
         told += f"; or it is {' or '.join(idle)}, without effect on the area"
     warning = "".join(f"CAUTION: {note}. " for note in notes)
     if verdict == "none":

@@ -301,7 +301,7 @@ class Search(Moves):
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
-            idle = self._idle(now, fitted)
+            idle = "" if self._stands_out(place, cause, brought) else self._idle(now, fitted)
             if idle:
                 self.in_vain[cause] = idle
                 continue

@@ -350,8 +350,8 @@ def test_a_codec_leaves_less_of_a_cause_and_none_leaves_all(rig) -> None:
     cause = make_cause("hot_pixels", rig, 2, 0)
     pair = (cause, amplitude_for(rig, measure, cause, 20.0))
     untouched = strength_behind(rig, measure, pair, "plain")
-    # Eight outputs give their scatter to a quarter.
-    assert untouched == pytest.approx(20.0, rel=0.6)
+    # Two sets of four outputs give their scatter to 29 %: a thousandth of all sets to a quarter or to twice of it.
+    assert 20.0 / 2.0 < untouched < 20.0 / 0.25
     assert strength_behind(rig, measure, pair, "h264-strong") < 0.5 * untouched
 
 

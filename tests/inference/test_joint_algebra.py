@@ -593,7 +593,7 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     search.refused = dict(refused)
     asked: list[str] = []
     search._lacking = lambda now, name: now  # type: ignore[method-assign]
-    search._in_place = lambda now, without, name, other, likelier: (asked.append(other), (None, -1.0))[1]  # type: ignore
+    search._in_place = lambda now, without, name, other: (asked.append(other), (None, -1.0))[1]  # type: ignore
     search.fitter.model.anchor = lambda point: None
     place = SimpleNamespace(log_bayes={"a": 50.0, "decoy0": 49.0}, credible_set=("a", "decoy0"))
     now: Any = SimpleNamespace(ids=("a",), point={}, taken=())

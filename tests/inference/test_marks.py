@@ -64,7 +64,8 @@ def spot(shape: tuple[int, ...], row: float, col: float, width: float) -> np.nda
 def test_nothing_planted_nothing_found(seen: Any) -> None:
     found = [planted(seen, lambda view, frame: 0.0, seed) for seed in range(2)]
     assert sum(len(scan.marks) for scan in found) == 0
-    assert all(5.0 < scan.threshold < 7.0 for scan in found)
+    # Six scales of Gumbel's law above its mean, which these draws give to half a standard deviation.
+    assert all(5.0 < scan.threshold < 7.5 for scan in found)
 
 
 def test_hot_pixels_are_as_bright_in_the_dark(seen: Any) -> None:

@@ -227,6 +227,16 @@ def test_the_first_line_says_that_what_is_left_may_be_what_was_given_up():
     assert told.endswith("; or it is led_imbalance, without effect on the area.")
 
 
+def test_what_moves_no_area_and_was_not_taken_is_told_in_its_place():
+    """Nothing unknown: the likeliest further cause was given up for doing nothing to the area."""
+    named: Any = [SimpleNamespace(listed=True, told="modulus")]
+    structure: Any = SimpleNamespace(found=False, sentence=lambda: "")
+    further = Place.of({"led_droop": 600.0, "tone_curve": 590.0, UNKNOWN: 580.0})
+    told = first_line("causes", named, 0.99, structure, None, "", further=further, idle=("tone_curve", "led_droop"))
+    assert told.endswith("Beside them there is led_droop, without effect on the area")
+    assert "Beside" not in first_line("causes", named, 0.99, structure, None, "", further=further)
+
+
 def test_a_contact_of_far_other_light_is_told_and_not_refused():
     """As behind glass that absorbs eight times as much: a setting or a cause, no other rig."""
     seen, believed = Patch(10.0, 1.01, (0.1, -0.2), 28.0), Patch(10.2, 1.0, (0.0, 0.0), 214.0)

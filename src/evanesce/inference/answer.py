@@ -320,7 +320,9 @@ def first_line(
     words = [_told(cause) for cause in named if not cause.listed]
     without = ", ".join(cause.told for cause in named if cause.listed)
     beside = ("; without" if words else "; none has an") + f" effect on the area: {without}" if without else ""
-    more = f". Beside them there is {told}" if "unknown" in verdict else ""
+    likely = "" if further is None else max(further.probability, key=lambda name: further.probability[name])
+    beside_them = told if "unknown" in verdict else f"{likely}, without effect on the area" if likely in idle else ""
+    more = f". Beside them there is {beside_them}" if beside_them else ""
     count = f"{len(named)} cause{'s' if len(named) > 1 else ''} explain{'' if len(named) > 1 else 's'}"
     return (
         f"{warning}{count} {100 * explained:.1f} % of the misfit{': ' if words else ''}{', '.join(words)}{beside}{more}"

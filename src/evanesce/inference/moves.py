@@ -18,7 +18,7 @@ from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint_fit import JointFit, Taken
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import loss_of
-from evanesce.inference.single_effects import NONE, UNKNOWN, Place
+from evanesce.inference.single_effects import NONE, UNKNOWN
 from evanesce.inference.trials import Trials
 
 Array = NDArray[Any]
@@ -98,7 +98,7 @@ class Moves(Trials):
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """Causes that were not taken or dropped for moving no area: what is left may be theirs."""
+        """Causes that were not taken, or dropped, for moving no area: what is left may be theirs."""
         return tuple(
             name for name, why in self.not_taken.items() if why.removeprefix(f"{DROPPED}: ").startswith(REMOVES)
         )
@@ -122,10 +122,6 @@ class Moves(Trials):
         """
         left = max(now.misfit - self.floor, 0.0)
         return WORTH * (left + (max(self.first - now.misfit, 0.0) if self.unknown else 0.0))
-
-    def _stands_out(self, place: Place, name: str, brought: float) -> bool:
-        """Return whether a cause brings something [nats], and hardly less once forms of all taken causes may be off."""
-        return brought > self._occam(1) and place.log_bayes.get(name, -np.inf) > SUBSTITUTE * brought
 
     def _idle(self, now: JointFit, fitted: JointFit) -> str:
         """Return why a further cause would change nothing that a user asks for; empty if it would.
@@ -166,7 +162,7 @@ class Moves(Trials):
         for name in sorted(taken, key=lambda name: loss_of(now, name)):
             place = posterior.places[name]
             empty = place.probability[NONE] > 0.5
-            reason = "its place is more probably empty" if empty else self._idle_by_now(now, name, place)
+            reason = "its place is more probably empty" if empty else self._idle_by_now(now, name)
             without = self._refitted(now, name) if reason else None
             if without is not None:
                 self.refused[name] = f"{DROPPED}: {reason}"
@@ -175,7 +171,7 @@ class Moves(Trials):
                 return without
         return None
 
-    def _idle_by_now(self, now: JointFit, name: str, place: Place) -> str:
+    def _idle_by_now(self, now: JointFit, name: str) -> str:
         """Return why a taken cause changes nothing beside those that were taken after it; empty if it does.
 
         What strong causes together do may first look like another one.
@@ -188,9 +184,7 @@ class Moves(Trials):
         if loss >= WORTH * (self.first - now.misfit - loss):
             return ""
         without = self._refitted(now, name, fine=False)
-        if without is None or self._stands_out(place, name, 0.5 * (without.misfit - now.misfit)):
-            return ""
-        return self._idle(without, now)
+        return "" if without is None else self._idle(without, now)
 
     def _given_up(self, now: JointFit, name: str) -> JointFit | None:
         """Return the fit with something unknown in the place of a cause; None if no block of it is left."""
@@ -227,8 +221,8 @@ class Moves(Trials):
                 rivals = [n for n in near if n not in (name, UNKNOWN)][:1]
                 close = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
                 near = close + [n for n in rivals if n not in close]
-            # What was dropped from beside others does not come back in their place, unless it was but idle there.
-            gone = {name, UNKNOWN, *self.refused} - set(self.idle)
+            # What was dropped from beside others does not come back by taking their place.
+            gone = {name, UNKNOWN, *self.refused}
             near = [n for n in near if n not in gone and (name, n) not in self._behind]
             if not near:
                 continue
@@ -237,11 +231,9 @@ class Moves(Trials):
             except InputError:
                 continue
             for other in near[:TRIED]:
-                likelier = place.log_bayes.get(other, own) > own
-                better, ahead = self._in_place(now, without, name, other, likelier=likelier)
+                better, ahead = self._in_place(now, without, name, other)
                 if better is not None and ahead > AHEAD:
                     self._behind[other, name] = ahead
-                    self.refused.pop(other, None)
                     self._note("exchange", other, better, now, "is more probable", name)
                     self.tell(self._words(better))
                     return better

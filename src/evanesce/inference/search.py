@@ -75,7 +75,7 @@ class Search(Moves):
         seen = set()
         while True:
             posterior, compared = self.posterior(now).with_defects(self.scan.places()), len(self._behind)
-            posterior = posterior.fitted_in_vain(self.in_vain)
+            posterior = posterior.fitted_in_vain(set(self.in_vain) - set(self.idle))
             known = frozenset(now.ids) | frozenset(self.unknown)
             turning = known in seen
             moved = None if turning else self._dropped(now, posterior) or self._exchanged(now, posterior)
@@ -301,7 +301,7 @@ class Search(Moves):
         for fitted in sorted(tried, key=lambda t: t.misfit):
             cause = fitted.taken[-1].id
             brought = 0.5 * (now.misfit - fitted.misfit)
-            idle = "" if self._stands_out(place, cause, brought) else self._idle(now, fitted)
+            idle = self._idle(now, fitted)
             if idle:
                 self.in_vain[cause] = idle
                 continue

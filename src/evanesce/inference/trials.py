@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.causes import Cause, Entry, departure, entries_of
+from evanesce.inference.causes import Cause, departure, entries_of
 from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, taken_from
@@ -69,16 +69,13 @@ class Trials:
         cause = next((c for c in self.causes if c.id == name), None)
         if cause is None:
             return None
-        # Another light of the plate takes seconds; its change about the nominal rig is known from its forms. They serve
-        # a cause as well whose other figures have to be near theirs for it to be seen at all.
-        entries: list[Entry] = []
-        if cause.amplitudes:
-            entries = [departure(cause, row, point) for point, row in self.judge.departures(cause)]
-        if cause.costly and not entries:
+        # Another light of the plate takes seconds; its change about the nominal rig is known from its forms.
+        drawn = self.judge.departures(cause) if cause.costly else []
+        if cause.costly and not drawn:
             self.tell(f"light of the plate for {name}")
-        if not (cause.costly and entries):
-            vector = self.fitter.model.vector(now.point)
-            entries += entries_of(self.fitter.model, now.point, vector, cause)
+        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(
+            self.fitter.model, now.point, self.fitter.model.vector(now.point), cause
+        )
         if not entries:
             self.refused[name] = "no plausible amount of it shows"
             return None
@@ -171,13 +168,10 @@ class Trials:
         metric, believed = everything_marginalised(lacking)
         return replace(lacking, solution=replace(solution, misfit=float(metric.project(believed) @ believed)))
 
-    def _in_place(
-        self, now: JointFit, without: JointFit, name: str, other: str, *, likelier: bool = False
-    ) -> tuple[JointFit | None, float]:
+    def _in_place(self, now: JointFit, without: JointFit, name: str, other: str) -> tuple[JointFit | None, float]:
         """Return the fit with another cause in a place, and by how many nats it is more probable than the present one.
 
-        What a straight line says suffices where that falls far short; a coarse fit where it falls short, unless forms
-        say that the other cause is ``likelier``: a coarse fit may end before its optimum.
+        What a straight line says suffices where that falls far short; a coarse fit where it falls short.
         """
         metric, believed = everything_marginalised(without)
         entered = self._entered(without, other, metric, believed)
@@ -190,11 +184,10 @@ class Trials:
         if tried is None:
             return None, -np.inf
         ahead = self._ahead(now, name, tried, other)
-        if ahead < 0.0 and not likelier:
+        if ahead < 0.0:
             return tried, ahead
         try:
-            renewals = int(ahead < 0.0)
-            better = self.fitter.relinearised(tried.taken, tried.point, tried.solution.slopes, renewals=renewals)
+            better = self.fitter.relinearised(tried.taken, tried.point, tried.solution.slopes, renewals=0)
             ahead = self._ahead(now, name, better, other)
         except InputError:
             better, ahead = None, -np.inf

@@ -685,8 +685,8 @@ def test_a_judge_goes_on_with_other_noise_as_if_it_were_made_anew():
         fitter, causes = toy({"a:x": 1.0}, decoys=2)
         bank = ToyBank(fitter.model, np.random.default_rng(7))
         data = fitter.model.data
-        louder = replace(data, sd=np.sqrt(2.5) * data.sd)
-        fitter.model.data = data if changed else louder
+        noisier = replace(data, sd=np.sqrt(2.5) * data.sd)
+        fitter.model.data = data if changed else noisier
         found = Judge(fitter, causes, bank, SimpleNamespace())  # type: ignore[arg-type]
         if changed:
             found.set_noise(fitter, 2.5)

@@ -238,7 +238,8 @@ def answer(
         "method": "joint",
         "verdict": verdict,
         "first_line": first_line(
-            verdict, named, explained, left, gain, told_fields(search.unknown), notes, posterior.further, search.idle
+            verdict, named, explained, left, gain, told_fields(search.unknown), notes,
+            posterior.further if posterior.asks else None, search.idle,
         ),
         "warnings": [*notes, *warnings_of(verdict, bool(named), replicates=replicates)],
         "gate": [line.as_dict() for line in gate.lines],

@@ -108,6 +108,10 @@ def test_causes_are_named_with_what_they_do_to_the_area(tiny):
     at_most = min(found["modulus"]["area"]["percent"])
     assert at_most == pytest.approx(100 * (1.15 ** (-2 / 3) - 1), abs=2.5)
     assert result["misfit"]["removed_share"] > 0.98
+    dark = next(line for line in result["gate"] if line["name"] == "level with the lens covered")
+    assert dark["measured"] - dark["predicted"] == pytest.approx(
+        4.5 * 8 / 16, abs=0.2
+    )  # slope near black, 12 bits to 8
     held_out = result["held_out"]
     assert held_out["rms_DN"][1] < 0.3 * held_out["rms_DN"][0]
     assert held_out["area_error_percent"][1] < held_out["area_error_percent"][0]

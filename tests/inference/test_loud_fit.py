@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import development_rigs as rigs
@@ -26,8 +28,11 @@ from evanesce.inference.causes import causes_of
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.gauss_newton import RADIUS, Prior, bounded_step, fit, step_within
+from evanesce.inference.joint import Fitter
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.patch import PlateReader
+from evanesce.inference.removal import Removal, everything_marginalised
+from evanesce.inference.trials import Trials
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import observe
@@ -94,6 +99,26 @@ def test_black_is_begun_with_where_the_covered_lens_shows_it(model: AnchoredMode
     assert dark_start(model, {}, [c for c in causes if c.id != "black_level"]).keys() <= {
         "ambient_light:radiance_W_per_mm2_sr", "@black",
     }  # fmt: skip
+
+
+def test_the_covered_lens_says_how_a_black_level_is_entered(model: AnchoredModel) -> None:
+    """A camera of little noise, black as the scale goes: by its derivative there, which is that of one side alone."""
+    causes, _ = causes_of(model.observation)
+    model = AnchoredModel(model.observation, replace(model.data, scale=0.02))
+    fitter = Fitter(model)
+    base = fitter.relinearised([], {})
+
+    def entered(**keys: Any) -> Removal:
+        trials = Trials(fitter, causes, SimpleNamespace(), **keys)  # type: ignore[arg-type]
+        found = trials._entered(base, "black_level", *everything_marginalised(base))
+        assert found is not None
+        return found
+
+    straight, shown = entered(), entered(shown=partial(dark_start, model))
+    name = "black_level:offset_DN"
+    assert straight.entry.point(straight.coordinates)[name] < 7.0
+    assert shown.entry.point(shown.coordinates)[name] == pytest.approx(8.0, abs=0.7)
+    assert shown.removed > straight.removed
 
 
 @pytest.fixture(scope="module")

@@ -186,9 +186,7 @@ def entries_of(
             return []
         deviation, low, high = (np.array(x) for x in zip(*map(_prior, cause.parameters), strict=True))
         found = [Entry(cause, np.array(rows), deviation, low, high)]
-    for start in starts:
-        entry = _by_departure(model, point, base, cause, start)
-        found += [] if entry is None else [entry]
+    found += [entry for start in starts for entry in by_departure(model, point, base, cause, start)]
     return [entry for entry in found if _shows(entry)]
 
 
@@ -201,14 +199,26 @@ def _prior(parameter: Parameter) -> tuple[float, float, float]:
     return parameter.deviation, low - parameter.null, high - parameter.null
 
 
-def _by_departure(
+def by_departure(
     model: Model, point: Mapping[str, float], base: Array, cause: Cause, start: Mapping[str, float]
-) -> Entry | None:
+) -> list[Entry]:
+    """Return the way into a cause along its change from nothing to a start; none if the rig cannot have it.
+
+    Parameters
+    ----------
+    model : Model
+    point : mapping
+    base : ndarray (bins,)
+        Whitened prediction there.
+    cause : Cause
+    start : mapping
+        Of its parameters, and of nuisances that gave way to it.
+    """
     try:
         row = model.vector({**point, **start}) - base
     except InputError:
-        return None
-    return departure(cause, row, start)
+        return []
+    return [departure(cause, row, start)]
 
 
 def departure(cause: Cause, row: Array, start: Mapping[str, float]) -> Entry:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.codec import FIRST_DRAWS, Filmed, codec_behind, filmed
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import CERTAIN, ODD_LIGHT
+from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector, data_vector
 from evanesce.inference.discrepancy import Discrepancy
 from evanesce.inference.gain import held_out
@@ -250,7 +252,8 @@ def _searched(start: Start, exclude: Collection[str], seed: int, tell: Tell) -> 
         fitter = start.fitter
         judge.set_noise(fitter, variance)
     marks = MarkSearch(model, [cause for cause in causes if cause.local], seed)
-    search = Search(fitter, smooth, judge, tell, marks=marks, areas=AreaReader(model))
+    shown = partial(dark_start, model)
+    search = Search(fitter, smooth, judge, tell, shown, marks=marks, areas=AreaReader(model))
     best, posterior = search.run(start.base)
     return Found(start, search, best, posterior, judge, bank, discrepancy, tuple(causes), left_out)
 

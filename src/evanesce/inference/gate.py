@@ -30,6 +30,7 @@ VERSION = 1
 """Of the answer's form."""
 CORNERS = "checkerboard with corner squares (0 white, 1 black: set card.checkerboard_inverted)"
 AREA, AXES, LEVEL = "contact area", "ratio of the contact's axes", "level of the contact"
+DARK = {"lens_cap": "level with the lens covered", "led_off": "level without LEDs"}
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def gate_of(observation: Observation, coarse: Predictor) -> Gate:
             numbers.append(k)
     lines, start, light = _contact_lines(pairs)
     lines += _missing_contact(observation, plate, coarse)
-    lines += _board_lines(observation, coarse)
+    lines += _board_lines(observation, coarse) + _dark_lines(observation, coarse)
     if board_inverted(observation):
         believed = float(scene.card.checkerboard_inverted)
         lines.append(Line(CORNERS, "", 1.0 - believed, believed, gross=True))
@@ -227,6 +228,17 @@ def _missing_contact(observation: Observation, plate: PlateReader, coarse: Predi
     if any(seen) or not any(expected):
         return []
     return [Line("frames that show a contact", "", 0.0, float(sum(expected)), gross=True)]
+
+
+def _dark_lines(observation: Observation, coarse: Predictor) -> list[Line]:
+    """Return the mean levels of frames without LEDs."""
+    lines = []
+    for kind, name in DARK.items():
+        place = next((k for k, v in enumerate(observation.views) if v.kind == kind), None)
+        if place is not None:
+            levels = (float(np.mean(image)) for image in (observation.images[place], coarse.image({}, place)))
+            lines.append(Line(name, "DN", *levels, gross=False))
+    return lines
 
 
 def _board_lines(observation: Observation, coarse: Predictor) -> list[Line]:

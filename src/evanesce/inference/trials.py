@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evanesce.core.errors import InputError
-from evanesce.inference.causes import Cause, departure, entries_of
+from evanesce.inference.causes import Cause, by_departure, departure, entries_of
 from evanesce.inference.constants import SUBSTITUTE, TRIED
 from evanesce.inference.gauss_newton import Slopes
 from evanesce.inference.joint import Fitter, taken_from
@@ -25,6 +25,7 @@ from evanesce.prediction.linear import Metric
 
 Array = NDArray[Any]
 Tell = Callable[[str], None]
+Shown = Callable[[Mapping[str, float], Sequence[Cause]], Mapping[str, float]]
 
 SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
@@ -44,12 +45,16 @@ class Trials:
     judge : Judge
     tell : callable
         Told each move and the time left.
+    shown : callable
+        Returns at which figures of some causes views that show nothing else are as bright as they are, others as at a
+        point.
     """
 
     fitter: Fitter
     causes: Sequence[Cause]
     judge: Judge
     tell: Tell = lambda line: None
+    shown: Shown = lambda point, causes: {}
     refused: dict[str, str] = field(default_factory=dict)
     _weighed: tuple[JointFit, Metric] | None = None
     """The metric in which fits are weighed against one, its discrepancy marginalised."""
@@ -73,9 +78,11 @@ class Trials:
         drawn = self.judge.departures(cause) if cause.costly else []
         if cause.costly and not drawn:
             self.tell(f"light of the plate for {name}")
-        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(
-            self.fitter.model, now.point, self.fitter.model.vector(now.point), cause
-        )
+        model = self.fitter.model
+        base = model.vector(now.point)
+        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(model, now.point, base, cause)
+        shown = self.shown(now.point, [cause])
+        entries += by_departure(model, now.point, base, cause, shown) if shown else []
         if not entries:
             self.refused[name] = "no plausible amount of it shows"
             return None

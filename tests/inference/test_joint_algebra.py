@@ -592,6 +592,8 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
     search.refused = dict(refused)
     asked: list[str] = []
+    told: list[str] = []
+    search.tell = told.append
     search._lacking = lambda now, name: now  # type: ignore[method-assign]
     search._in_place = lambda now, without, name, other: (asked.append(other), (None, -1.0))[1]  # type: ignore
     search.fitter.model.anchor = lambda point: None
@@ -599,6 +601,7 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     now: Any = SimpleNamespace(ids=("a",), point={}, taken=())
     assert search._exchanged(now, SimpleNamespace(places={"a": place})) is None  # type: ignore[arg-type]
     assert asked == tried
+    assert told == [f"{name} in the place of a (place 1 of 1)" for name in tried]
 
 
 def test_what_gave_way_to_something_unknown_may_come_back_once_that_is_dropped():

@@ -11,7 +11,6 @@ from scipy import stats
 
 from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.constants import STRENGTHS
-from evanesce.inference.critic import Start, light_note
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
 from evanesce.inference.judge import Judge
@@ -21,6 +20,7 @@ from evanesce.inference.posterior import Posterior
 from evanesce.inference.power import expected_power
 from evanesce.inference.single_effects import NONE, UNKNOWN, Place, Shapes, null_statistics, p_value, place_of
 from evanesce.inference.small_space import SmallSpace
+from evanesce.inference.start import Start, light_note
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.views import View
 

@@ -236,8 +236,8 @@ def _dark_lines(observation: Observation, coarse: Predictor) -> list[Line]:
     for kind, name in DARK.items():
         place = next((k for k, v in enumerate(observation.views) if v.kind == kind), None)
         if place is not None:
-            levels = (float(np.mean(image)) for image in (observation.images[place], coarse.image({}, place)))
-            lines.append(Line(name, "DN", *levels, gross=False))
+            measured, predicted = np.mean(observation.images[place]), np.mean(coarse.image({}, place))
+            lines.append(Line(name, "DN", float(measured), float(predicted), gross=False))
     return lines
 
 

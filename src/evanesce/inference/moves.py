@@ -208,7 +208,7 @@ class Moves(Trials):
 
         Fitted are all of a place's credible set, and once those that come near by their forms.
         """
-        for name, place in posterior.places.items():
+        for number, (name, place) in enumerate(posterior.places.items(), 1):
             if name not in now.ids or name in self.scan.places():
                 continue
             own = place.log_bayes.get(name, 0.0)
@@ -231,6 +231,7 @@ class Moves(Trials):
             except InputError:
                 continue
             for other in near[:TRIED]:
+                self.tell(f"{other} in the place of {name} (place {number} of {len(posterior.places)})")
                 better, ahead = self._in_place(now, without, name, other)
                 if better is not None and ahead > AHEAD:
                     self._behind[other, name] = ahead

@@ -27,7 +27,6 @@ from evanesce.inference.calibration.own_error import (
 )
 from evanesce.inference.causes import causes_of
 from evanesce.inference.consequence import AreaReader
-from evanesce.inference.critic import CODEC_CAUSES, Start, refilmed, started
 from evanesce.inference.dark_start import dark_start
 from evanesce.inference.data import DataVector
 from evanesce.inference.gain import HeldOut, held_out
@@ -40,6 +39,7 @@ from evanesce.inference.patch import PlateReader
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.removal import everything_marginalised
 from evanesce.inference.series.beside import discrepancy_of
+from evanesce.inference.start import CODEC_CAUSES, Start, refilmed, started
 from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.parameters import Parameter, derivative
 from evanesce.prediction.processes import processes

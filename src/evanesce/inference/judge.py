@@ -138,16 +138,17 @@ class Judge:
         """
         space, secants = self._space(fitted, fitted.ids)
         own = self._other_laws(space, fitted)
+        marginal, rest = _marginal(secants, unknown, own), self._rest(secants, unknown)
+        further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         places = {}
         for number, name in enumerate(secants):
             others = [n for n in secants if n != name]
             place, _ = self._judged(space, _marginal(others, unknown, own), self._rest(others, unknown), number)
-            places[name] = place.with_fits(name, {b: gap for (a, b), gap in (behind or {}).items() if a == name})
+            fits = {b: gap for (a, b), gap in (behind or {}).items() if a == name}
+            places[name] = place.beside(further).with_fits(name, fits)
         if unknown:
             every = _marginal(secants, {}, own)
             places[UNKNOWN], _ = self._judged(space, every, self._rest(secants, {}), len(secants))
-        marginal, rest = _marginal(secants, unknown, own), self._rest(secants, unknown)
-        further, p = self._judged(space, marginal, rest, len(secants), with_p=True)
         return Posterior(places, further, p)
 
     def further(

@@ -185,6 +185,21 @@ class Place:
         fitted = {name: self.log_bayes[own] - gap for name, gap in behind.items() if name in self.log_bayes}
         return Place.of({**self.log_bayes, **fitted})
 
+    def beside(self, further: Place) -> Place:
+        """Return the place where what shows beside its cause is no reason to take something unknown for that cause.
+
+        Something unknown in the place explains both at once; the place's own cause leaves the other to a further one.
+
+        Parameters
+        ----------
+        further : Place
+            One more, beside the place's own cause.
+        """
+        if UNKNOWN not in self.log_bayes or not further.log_bayes:
+            return self
+        shows = max(float(statistic_of(np.array(list(further.log_bayes.values())))), 0.0)
+        return Place.of({**self.log_bayes, UNKNOWN: self.log_bayes[UNKNOWN] - shows})
+
     def without_law(self, names: Iterable[str]) -> Place:
         """Return the place where the probability of some causes is that of something unknown.
 

@@ -31,7 +31,7 @@ from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised, loss_of, removal
 from evanesce.inference.search import Search
 from evanesce.inference.shapes import FormBank, Forms
-from evanesce.inference.single_effects import UNKNOWN
+from evanesce.inference.single_effects import UNKNOWN, Place
 from evanesce.inference.unknown import told_fields, unknown_blocks
 from evanesce.prediction.candidates import Candidate
 from evanesce.prediction.linear import Metric
@@ -552,6 +552,24 @@ def test_a_hundredth_of_what_strong_causes_do_is_told_as_unknown_and_not_margina
     assert set(found.ids) == {"a", "b"}
     assert bool(search.unknown) == taken
     assert verdict_of(posterior, False) == "causes and unknown"
+
+
+def test_a_smooth_cause_keeps_its_place_where_a_little_that_is_smooth_is_left(monkeypatch):
+    """An even level and a blob of a hundredth of its misfit, which something unknown would make both of."""
+    y, x = np.mgrid[-1 : 1 : SHAPE[0] * 1j, -1 : 1 : SHAPE[1] * 1j]
+    blob = 12 * np.exp(-8 * ((x - 0.3) ** 2 + (y + 0.2) ** 2))
+    fitter, causes = toy({"a:x": 0.9})
+    fitter.model.maps["a:x"] = np.full((len(VIEWS), *SHAPE), 30.0) * (1 + 0.1 * x)
+    noise = np.random.default_rng(2).standard_normal(fitter.observed.size)
+    blob = fitter.model.data.whitened(np.broadcast_to(blob, (len(VIEWS), *SHAPE)))
+    fitter.observed = fitter.model.vector({"a:x": 0.9}) + blob + noise
+    search, found, posterior = searched(fitter, causes)
+    assert found.ids == ("a",)
+    assert not search.unknown
+    assert posterior.places["a"].probability["a"] > 0.99
+    assert posterior.further.probability[UNKNOWN] > 0.99
+    monkeypatch.setattr(Place, "beside", lambda self, further: self)
+    assert search.posterior(found).places["a"].probability[UNKNOWN] > 0.99
 
 
 @pytest.mark.parametrize(("first", "refused"), [(4000.0, False), (4900.0, False), (5100.0, True)])

@@ -109,7 +109,7 @@ def test_the_covered_lens_says_how_a_black_level_is_entered(model: AnchoredModel
     base = fitter.relinearised([], {})
 
     def entered(**keys: Any) -> Removal:
-        trials = Trials(fitter, causes, SimpleNamespace(), **keys)  # type: ignore[arg-type]
+        trials = Trials(fitter, causes, SimpleNamespace(departures=lambda cause: []), **keys)  # type: ignore[arg-type]
         found = trials._entered(base, "black_level", *everything_marginalised(base))
         assert found is not None
         return found

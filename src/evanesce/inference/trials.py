@@ -74,13 +74,15 @@ class Trials:
         cause = next((c for c in self.causes if c.id == name), None)
         if cause is None:
             return None
-        # Another light of the plate takes seconds; its change about the nominal rig is known from its forms.
-        drawn = self.judge.departures(cause) if cause.costly else []
-        if cause.costly and not drawn:
-            self.tell(f"light of the plate for {name}")
         model = self.fitter.model
         base = model.vector(now.point)
-        entries = [departure(cause, row, point) for point, row in drawn] or entries_of(model, now.point, base, cause)
+        # What moves an edge by pixels has no straight line to there from its derivative; forms were drawn as far off.
+        drawn = self.judge.departures(cause) if cause.amplitudes else []
+        entries = [departure(cause, row, point) for point, row in drawn]
+        if not (cause.costly and drawn):  # another light of the plate takes seconds
+            if cause.costly:
+                self.tell(f"light of the plate for {name}")
+            entries += entries_of(model, now.point, base, cause)
         shown = self.shown(now.point, [cause])
         entries += by_departure(model, now.point, base, cause, shown) if shown else []
         if not entries:

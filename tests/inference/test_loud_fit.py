@@ -121,6 +121,26 @@ def test_the_covered_lens_says_how_a_black_level_is_entered(model: AnchoredModel
     assert shown.removed > straight.removed
 
 
+def test_an_edge_that_is_pixels_away_is_found_by_forms_drawn_as_far_off(model: AnchoredModel) -> None:
+    """A finger half as stiff again: the derivative by its modulus moves light at the edge that is believed."""
+    causes, _ = causes_of(model.observation)
+    fitter, name = Fitter(model), "modulus:relative"
+    fitter.observed = model.vector({name: 0.5})
+    base = fitter.relinearised([], {})
+    row = model.vector({name: 0.3}) - model.vector({})
+
+    def promised(drawn: Any) -> Removal:
+        trials = Trials(fitter, causes, SimpleNamespace(departures=lambda cause: drawn))  # type: ignore[arg-type]
+        entered = trials._entered(base, "modulus", *everything_marginalised(base))
+        assert entered is not None
+        return entered
+
+    straight, along = promised([]), promised([({name: 0.3}, row)])
+    assert straight.removed < 0.2 * base.misfit
+    assert along.removed > 0.6 * base.misfit
+    assert along.entry.point(along.coordinates)[name] == pytest.approx(0.5, abs=0.1)
+
+
 @pytest.fixture(scope="module")
 def drawn_errors(model: AnchoredModel) -> Any:
     """Return frames drawn with errors at other voltages and of the level besides noise, as a function of both."""

@@ -604,9 +604,19 @@ def test_a_search_ends_at_causes_at_which_it_has_been_before():
     assert best is fits[0]
 
 
-@pytest.mark.parametrize(("refused", "tried"), [({}, ["decoy0"]), ({"decoy0": "dropped"}, [])])
-def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
-    """Rationale: a place was given to another cause, filled again beside it, the other dropped, twenty times over."""
+@pytest.mark.parametrize(
+    ("refused", "credible", "tried"),
+    [
+        ({}, ("a", "decoy0"), ["decoy0"]),
+        ({"decoy0": "dropped"}, ("a", "decoy0"), []),
+        ({"decoy0": "dropped"}, ("decoy0",), ["decoy0"]),
+    ],
+)
+def test_what_was_dropped_comes_back_by_an_exchange_only_for_what_is_not_credible(refused, credible, tried):
+    """Rationale: a place was given to another cause, filled again beside it, the other dropped, twenty times over.
+
+    But a cause was told that had no probability in its own place: the one that had was not tried there.
+    """
     search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
     search.refused = dict(refused)
     asked: list[str] = []
@@ -615,7 +625,7 @@ def test_what_was_dropped_does_not_come_back_by_an_exchange(refused, tried):
     search._lacking = lambda now, name: now  # type: ignore[method-assign]
     search._in_place = lambda now, without, name, other: (asked.append(other), (None, -1.0))[1]  # type: ignore
     search.fitter.model.anchor = lambda point: None
-    place = SimpleNamespace(log_bayes={"a": 50.0, "decoy0": 49.0}, credible_set=("a", "decoy0"))
+    place = SimpleNamespace(log_bayes={"a": 50.0, "decoy0": 49.0}, credible_set=credible)
     now: Any = SimpleNamespace(ids=("a",), point={}, taken=())
     assert search._exchanged(now, SimpleNamespace(places={"a": place})) is None  # type: ignore[arg-type]
     assert asked == tried

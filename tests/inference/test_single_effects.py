@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.inference.answer import first_line, verdict_of, warnings_of
+from evanesce.inference.answer import Named, first_line, verdict_of, warnings_of
+from evanesce.inference.consequence import Consequence
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
@@ -229,7 +230,7 @@ def test_the_first_line_says_that_what_is_left_may_be_what_was_given_up():
 
 def test_what_moves_no_area_and_was_not_taken_is_told_in_its_place():
     """Nothing unknown: the likeliest further cause was given up for doing nothing to the area."""
-    named: Any = [SimpleNamespace(listed=True, told="modulus")]
+    named = [Named("modulus", 0.9, Consequence((), (), ()), {}, 0.7, ("modulus",), listed=True)]
     structure: Any = SimpleNamespace(found=False, sentence=lambda: "")
     further = Place.of({"led_droop": 600.0, "tone_curve": 590.0, UNKNOWN: 580.0})
     told = first_line("causes", named, 0.99, structure, None, "", further=further, idle=("tone_curve", "led_droop"))

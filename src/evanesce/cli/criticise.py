@@ -111,13 +111,14 @@ def _show(result: dict[str, Any]) -> None:
     for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "probability"):
         table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")
     for cause in result["causes"]:
-        area = cause["area"]
+        area = (cause["together"] or cause)["area"]
         largest = max(range(len(area["percent"])), key=lambda k: abs(area["percent"][k]), default=None)
         moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
+        told = f"{cause['id']} (with {cause['together']['with']})" if cause["together"] else cause["id"]
         for number, (name, p) in enumerate(cause["parameters"].items()):
             own = [*moved, f"{cause['probability']:.2f}"] if number == 0 else ["", "", ""]
             values = [f"{p[key]:.4g}" for key in ("value", "lo", "hi")]
-            table.add_row(cause["id"] if number == 0 else "", name, *values, p["unit"], *own)
+            table.add_row(told if number == 0 else "", name, *values, p["unit"], *own)
     if result["causes"]:
         console.print(table)
     console.print(f"Not explained: {100 * result['misfit']['left_share']:.3g} % of the misfit.")

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.inference.consequence import NINETY, AreaReader, Consequence
-from evanesce.inference.constants import LEAST_AREA, LEAST_PROBABLE
+from evanesce.inference.consequence import NINETY, AreaReader, Consequence, nearest
+from evanesce.inference.constants import LEAST_AREA, LEAST_PROBABLE, SUBSTITUTE
 from evanesce.inference.gate import VERSION, Gate
 from evanesce.inference.groups import group_of
 from evanesce.inference.joint_fit import JointFit
@@ -75,6 +76,11 @@ class Named:
         Causes among which it is to 95 %; itself alone where nothing stands in for it.
     listed : bool
         Whether it moves the area by too little to be named first.
+    partner : str
+        Cause that makes up for it: the data hardly tell the two apart, and both together move the area by less than
+        half of what one of them does.
+    together : Consequence, optional
+        Of both.
     """
 
     id: str
@@ -84,15 +90,21 @@ class Named:
     probability: float
     credible_set: tuple[str, ...]
     listed: bool
+    partner: str = ""
+    together: Consequence | None = None
 
     @property
     def told(self) -> str:
-        """The cause, with those that stand in for it."""
-        others = [name for name in self.credible_set if name != self.id]
-        if not others:
-            return self.id
-        group = group_of([self.id, *others])
-        return f"{self.id} or {' or '.join(others)}" + (f" ({group})" if group else "")
+        """The cause, with those that stand in for it; those alone where what was fitted is none of them."""
+        likely = sorted(self.credible_set, key=lambda name: name != self.id)
+        group = group_of(likely) if len(likely) > 1 else ""
+        words = " or ".join(likely) + (f" ({group})" if group else "")
+        return words if self.id in likely else f"{words}, fitted as {self.id}"
+
+    @property
+    def moved(self) -> Consequence:
+        """What it does to the area, together with what makes up for it."""
+        return self.consequence if self.together is None else self.together
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
@@ -100,6 +112,7 @@ class Named:
             "id": self.id, "told": self.told, "parameters": {k: dict(v) for k, v in self.parameters.items()},
             "probability": self.probability, "credible_set": list(self.credible_set),
             "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
+            "together": None if self.together is None else {"with": self.partner, "area": self.together.as_dict()},
         }  # fmt: skip
 
 
@@ -159,7 +172,7 @@ def named_causes(
             if effect == taken.id and own and own not in parameters:
                 value = natural(name, value)
                 parameters[own] = {"value": value, "lo": value, "hi": value, "unit": ""}
-        consequence = areas.of_cause(fitted, taken.id, covariance)
+        consequence = areas.of_causes(fitted, covariance, taken.id)
         removed = search.share(search.lost(fitted, taken.id))
         place = posterior.places[taken.id]
         found.append(
@@ -168,7 +181,33 @@ def named_causes(
                 consequence.largest < LEAST_AREA,
             )
         )  # fmt: skip
-    return sorted(found, key=lambda n: (-n.consequence.largest, -n.removed))
+    paired = _paired(
+        found, lambda name: nearest(fitted, covariance, name), partial(areas.of_causes, fitted, covariance)
+    )
+    return sorted(paired, key=lambda n: (-n.moved.largest, n.partner < n.id, -n.removed))
+
+
+def _paired(found: Sequence[Named], near: Callable[[str], str], areas: Callable[..., Consequence]) -> list[Named]:
+    """Return causes with those that make up for them: one without the other is a rig that nobody has.
+
+    Parameters
+    ----------
+    found : sequence of Named
+    near : callable
+        ``near(name)``: the cause from which the data hardly tell it; empty if there is none.
+    areas : callable
+        ``areas(name, other)``: what both do to the area.
+    """
+    known = {n.id: n for n in found}
+    for n in sorted(found, key=lambda n: -n.consequence.largest):
+        other = near(n.id) if not n.listed and known[n.id].together is None else ""
+        if not other or known[other].together is not None:
+            continue
+        together = areas(n.id, other)
+        if together.change_mm2 and together.largest < SUBSTITUTE * n.consequence.largest:
+            for one, partner in ((n.id, other), (other, n.id)):
+                known[one] = replace(known[one], partner=partner, together=together)
+    return list(known.values())
 
 
 def extended_scene(model: Model, fitted: JointFit) -> Scene:
@@ -254,7 +293,10 @@ def answer(
         "next_measurement": advice,
         "nuisances": {name: value for name, value in fitted.point.items() if name.startswith("@")},
         "moves": [vars(step) for step in search.steps],
-        "not_judged": [{"id": name, "why": why} for name, why in {**left_out, **search.not_taken}.items()],
+        "not_judged": [{"id": name, "why": why}
+            for name, why in {**left_out, **search.not_taken}.items()
+            if name not in fitted.ids
+        ],
         "extended_scene": None,
         "seconds": seconds,
     }  # fmt: skip
@@ -318,8 +360,9 @@ def first_line(
     if gain is not None and gain.worse:
         before, after = gain.area_percent
         warning += f"CAUTION: the extension makes the held-out area worse ({before:.2f} to {after:.2f} %). "
-    words = [_told(cause) for cause in named if not cause.listed]
-    without = ", ".join(cause.told for cause in named if cause.listed)
+    own = [cause for k, cause in enumerate(named) if cause.partner not in [other.id for other in named[:k]]]
+    words = [_told(cause) for cause in own if cause.moved.largest >= LEAST_AREA]
+    without = ", ".join(_names(cause) for cause in own if cause.moved.largest < LEAST_AREA)
     beside = ("; without" if words else "; none has an") + f" effect on the area: {without}" if without else ""
     likely = "" if further is None else max(further.probability, key=lambda name: further.probability[name])
     beside_them = told if "unknown" in verdict else f"{likely}, without effect on the area" if likely in idle else ""
@@ -337,10 +380,13 @@ def unfitted(further: Place | None) -> str:
     return "a cause that could not be fitted" + (f", most probably {told}" if told else "")
 
 
+def _names(cause: Named) -> str:
+    """Return a cause, with what makes up for it."""
+    return f"{cause.told} and {cause.partner}, which make up for each other" if cause.partner else cause.told
+
+
 def _told(cause: Named) -> str:
     """Return a cause with what it does to the area where it does most."""
-    c = cause.consequence
-    if not c.change_mm2:
-        return cause.told
+    c = cause.moved
     k = int(np.argmax(np.abs(np.nan_to_num(c.change_percent))))
-    return f"{cause.told} ({c.change_mm2[k]:+.2f} mm^2, {c.change_percent[k]:+.1f} % at {c.forces_N[k]:g} N)"
+    return f"{_names(cause)} ({c.change_mm2[k]:+.2f} mm^2, {c.change_percent[k]:+.1f} % at {c.forces_N[k]:g} N)"

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.linalg import solve
 from numpy.typing import NDArray
 
 from evanesce.bundle.area import AreaReading
 from evanesce.core.errors import InputError
+from evanesce.inference.constants import SUBSTITUTE
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import AnchoredModel
 from evanesce.prediction.colour import area_in, reading_of
@@ -72,6 +74,38 @@ def counted_sd(change_mm2: Array, pixel_mm2: float) -> Array:
     pixel_mm2 : float
     """
     return np.sqrt(pixel_mm2 * (np.abs(change_mm2) + pixel_mm2))
+
+
+def nearest(fitted: JointFit, covariance: Array, cause: str) -> str:
+    """Return the taken cause that makes more than half of another's variance; empty if there is none.
+
+    Parameters
+    ----------
+    fitted : JointFit
+    covariance : ndarray (n, n)
+        Of the fit's parameters.
+    cause : str
+
+    Notes
+    -----
+    By the largest canonical correlation of the two causes' parameters (Hotelling 1936), whose square is that share.
+    """
+    whitened = {}
+    for name in fitted.ids:
+        places = fitted.of_cause(name)
+        if places.size:
+            whitened[name] = places, np.linalg.cholesky(covariance[np.ix_(places, places)])
+    if cause not in whitened:
+        return ""
+    own, root = whitened.pop(cause)
+
+    def correlation(name: str) -> float:
+        places, other = whitened[name]
+        return float(np.linalg.norm(solve(other, solve(root, covariance[np.ix_(own, places)]).T), 2))
+
+    each = {name: correlation(name) ** 2 for name in whitened}
+    most = max(each, key=lambda name: each[name], default="")
+    return most if each.get(most, 0.0) > SUBSTITUTE else ""
 
 
 class AreaReader:
@@ -137,24 +171,24 @@ class AreaReader:
         percent = np.where(before > 0, 100.0 * change / np.where(before > 0, before, 1.0), np.nan)
         return Consequence(self.forces, tuple(map(float, change)), tuple(map(float, percent)))
 
-    def of_cause(self, fitted: JointFit, cause: str, covariance: Array) -> Consequence:
-        """Return the consequence of a taken cause, with an interval from its parameters' covariance.
+    def of_causes(self, fitted: JointFit, covariance: Array, *causes: str) -> Consequence:
+        """Return the consequence of a taken cause, or of several together, with an interval from the covariance.
 
-        The change is known as well as the cause's size is, 1 / t of it, where t is the distance of the cause's
-        parameters from nothing in their own posterior; and as well as pixels can tell (:func:`counted_sd`).
+        The change is known as well as the causes' size is, 1 / t of it, where t is the distance of their parameters
+        from nothing in their own posterior; and as well as pixels can tell (:func:`counted_sd`).
 
         Parameters
         ----------
         fitted : JointFit
-        cause : str
         covariance : ndarray (n, n)
             Of the fit's parameters.
+        *causes : str
         """
         try:
-            found = self.of_change(fitted.point, fitted.without(cause))
+            found = self.of_change(fitted.point, fitted.without(*causes))
         except InputError:
             return Consequence((), (), ())
-        places = fitted.of_cause(cause)
+        places = fitted.of_cause(*causes)
         away = fitted.departures()[places]
         t = np.sqrt(max(float(away @ np.linalg.solve(covariance[np.ix_(places, places)], away)), 1e-12))
         change = np.array(found.change_mm2)

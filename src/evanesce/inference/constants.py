@@ -27,7 +27,8 @@
                                as many of those without
 ``FITTED``             2       of them, causes that are fitted: those that would remove most of the misfit
 ``SUBSTITUTE``         0.5     share of a cause's evidence by which another may fall short and still be tried in its
-                               place: forms drawn about the nominal rig are some to tens of per cent off
+                               place: forms drawn about the nominal rig are some to tens of per cent off; of its
+                               variance, and of its area, that one has to make up for to be told together with it
 ``STRENGTHS``          3..500  standard deviations by which a cause may show, evenly in the logarithm: below 3 nothing
                                can be told, above 500 the form's own error decides
 ``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none

@@ -115,9 +115,9 @@ class JointFit:
         """Of the causes."""
         return tuple(t.id for t in self.taken)
 
-    def without(self, cause: str) -> dict[str, float]:
-        """Return the point with one cause at its null."""
-        return {name: value for name, value in self.point.items() if not name.startswith(f"{cause}:")}
+    def without(self, *causes: str) -> dict[str, float]:
+        """Return the point with some causes at their null."""
+        return {name: value for name, value in self.point.items() if name.partition(":")[0] not in causes}
 
     def departures(self) -> Array:
         """Return the parameters' distances (n,) from their priors' means."""
@@ -152,9 +152,9 @@ class JointFit:
         stiff = np.where(self.solution.held, HELD * np.diag(precision), 0.0)
         return -0.5 * (misfit + float(np.linalg.slogdet(scaled)[1])), np.linalg.inv(precision + np.diag(stiff))
 
-    def of_cause(self, cause: str) -> NDArray[np.int_]:
-        """Return the places of a cause's parameters."""
-        return np.flatnonzero([p.name.startswith(f"{cause}:") for p in self.parameters])
+    def of_cause(self, *causes: str) -> NDArray[np.int_]:
+        """Return the places of some causes' parameters."""
+        return np.flatnonzero([p.name.partition(":")[0] in causes for p in self.parameters])
 
 
 def prior_of(parameters: Sequence[Parameter]) -> Prior:

@@ -221,8 +221,9 @@ class Moves(Trials):
                 rivals = [n for n in near if n not in (name, UNKNOWN)][:1]
                 close = [n for n in near if n in place.credible_set or place.log_bayes[n] > (1.0 - SUBSTITUTE) * own]
                 near = close + [n for n in rivals if n not in close]
-            # What was dropped from beside others does not come back by taking their place.
-            gone = {name, UNKNOWN, *self.refused}
+            # What was dropped from beside others does not come back by taking their place, unless that is left to
+            # nothing else.
+            gone = {name, UNKNOWN, *(self.refused if name in place.credible_set else ())}
             near = [n for n in near if n not in gone and (name, n) not in self._behind]
             if not near:
                 continue
@@ -235,6 +236,7 @@ class Moves(Trials):
                 better, ahead = self._in_place(now, without, name, other)
                 if better is not None and ahead > AHEAD:
                     self._behind[other, name] = ahead
+                    self.refused.pop(other, None)
                     self._note("exchange", other, better, now, "is more probable", name)
                     self.tell(self._words(better))
                     return better

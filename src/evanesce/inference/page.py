@@ -73,27 +73,43 @@ def residual_figure(pictures: Pictures) -> Figure:
 
 
 def cause_figure(causes: Sequence[Mapping[str, Any]]) -> Figure:
-    """Return bars of what each cause does to the area where it does most, with 90 % intervals."""
-    rows = [_largest(cause) for cause in causes]
+    """Return bars of what each cause, or two that make up for each other, does to the area where it does most.
+
+    With 90 % intervals.
+    """
+    causes = [cause for k, cause in enumerate(causes) if _partner(cause) not in [other["id"] for other in causes[:k]]]
+    rows = [_largest(_shown(cause)["area"]) for cause in causes]
     figure = Figure(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
     FigureCanvasAgg(figure)
     axis = figure.subplots()
     at = np.arange(len(rows))
     value = np.array([r[0] for r in rows])
     ends = np.array([[r[0] - r[1], r[2] - r[0]] for r in rows]).T
-    colours = ["#b4b4b4" if cause["below_least_area"] else "#2f6f9f" for cause in causes]
+    colours = ["#b4b4b4" if abs(r[0]) < 100 * LEAST_AREA else "#2f6f9f" for r in rows]
     axis.barh(at, value, color=colours, height=0.6)
     axis.errorbar(value, at, xerr=np.maximum(ends, 0.0), fmt="none", color="black", capsize=3, linewidth=1)
-    axis.set_yticks(at, [f"{cause['id']}, {r[3]:g} N" for cause, r in zip(causes, rows, strict=True)])
+    axis.set_yticks(at, [f"{_bar(cause)}, {r[3]:g} N" for cause, r in zip(causes, rows, strict=True)])
     axis.invert_yaxis()
     axis.axvline(0.0, color="black", linewidth=0.8)
     axis.set_xlabel("change of the measured area [%], with 90 % interval")
     return figure
 
 
-def _largest(cause: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    """Return change and both ends of its interval [%], and force [N], where a cause does most; zeros if nothing."""
-    area = cause["area"]
+def _shown(cause: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what has the area to be drawn: the cause, or it and the one that makes up for it."""
+    return cause["together"] or cause
+
+
+def _partner(cause: Mapping[str, Any]) -> str:
+    return str(cause["together"]["with"]) if cause["together"] else ""
+
+
+def _bar(cause: Mapping[str, Any]) -> str:
+    return " and ".join(name for name in (cause["id"], _partner(cause)) if name)
+
+
+def _largest(area: Mapping[str, Any]) -> tuple[float, float, float, float]:
+    """Return change and both ends of its interval [%], and force [N], where it is largest; zeros if nothing changes."""
     if not area["percent"]:
         return 0.0, 0.0, 0.0, 0.0
     k = int(np.argmax(np.abs(np.nan_to_num(area["percent"]))))
@@ -123,7 +139,7 @@ def _causes(result: Mapping[str, Any]) -> Section:
         return Section("Causes", ["None."], tables=[Table(("cause", "probability"), rows, "The most probable.")])
     rows = []
     for cause in causes:
-        change, _, _, force = _largest(cause)
+        change, _, _, force = _largest(cause["area"])
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
             own = (cause["id"], f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")

@@ -1,0 +1,92 @@
+"""What is told of causes that stand in for each other, or make up for each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evanesce.inference import answer
+from evanesce.inference.answer import Named, first_line
+from evanesce.inference.consequence import Consequence, nearest
+from evanesce.inference.page import cause_figure
+
+
+def moving(percent: float) -> Consequence:
+    area = 50.0
+    return Consequence((6.0,), (percent / 100 * area,), (percent,), (percent / 100 * area - 1,), (percent / 100 + 1,))
+
+
+def named(name: str, percent: float, credible: tuple[str, ...] = ()) -> Named:
+    own = {"value": 1.0, "lo": 0.9, "hi": 1.1, "unit": "1"}
+    return Named(name, 0.5, moving(percent), {"x": own}, 0.7, credible or (name,), abs(percent) < 0.2)
+
+
+@pytest.mark.parametrize(
+    ("credible", "told"),
+    [
+        (("creep",), "creep"),
+        (("modulus", "creep"), "creep or modulus"),
+        (("modulus",), "modulus, fitted as creep"),
+        (("modulus", "friction"), "modulus or friction, fitted as creep"),
+    ],
+)
+def test_no_cause_is_told_that_its_own_place_denies(credible: tuple[str, ...], told: str) -> None:
+    assert named("creep", 3.0, credible).told.replace(" (contact)", "").startswith(told)
+
+
+def fitted(covariance: Any) -> tuple[Any, Any]:
+    names = ("black:x", "tone:x", "tone:y", "modulus:x")
+    of = {cause: [k for k, n in enumerate(names) if n.startswith(cause)] for cause in ("black", "tone", "modulus")}
+    return SimpleNamespace(ids=tuple(of), of_cause=lambda cause: np.array(of[cause], int)), covariance
+
+
+def test_the_nearest_cause_is_that_of_the_largest_correlation_of_any_parameters() -> None:
+    rng = np.random.default_rng(5)
+    draws = rng.standard_normal((4000, 4)) * [50.0, 1.0, 0.1, 0.01]
+    draws[:, 2] += 0.005 * draws[:, 0]
+    draws[:, 3] += 0.005 * draws[:, 1]
+    one, covariance = fitted(np.cov(draws.T))
+    # Shares of variance by hand: 0.25^2 / (0.25^2 + 0.1^2) = 0.86, and 0.005^2 / (0.005^2 + 0.01^2) = 0.2.
+    assert nearest(one, covariance, "black") == "tone"
+    assert nearest(one, covariance, "tone") == "black"
+    assert nearest(one, covariance, "modulus") == ""
+    assert nearest(SimpleNamespace(ids=("tone",), of_cause=one.of_cause), covariance, "tone") == ""
+
+
+def paired(found: list[Named], near: dict[str, str], both: float) -> list[Named]:
+    told = answer._paired(found, lambda name: near.get(name, ""), lambda *names: moving(both))
+    return sorted(told, key=lambda n: (-n.moved.largest, n.partner < n.id))
+
+
+def test_causes_that_make_up_for_each_other_are_told_once_and_together() -> None:
+    found = [named("tone_curve", -95.0), named("modulus", -10.8), named("black_level", 3.3)]
+    told = paired(found, {"tone_curve": "black_level", "black_level": "tone_curve"}, -0.8)
+    assert [n.id for n in told] == ["modulus", "black_level", "tone_curve"]
+    left: Any = SimpleNamespace(found=False)
+    line = first_line("causes", told, 0.99, left, None, "")
+    assert line == (
+        "3 causes explain 99.0 % of the misfit: modulus (-5.40 mm^2, -10.8 % at 6 N), "
+        "black_level and tone_curve, which make up for each other (-0.40 mm^2, -0.8 % at 6 N)"
+    )
+    answers = [n.as_dict() for n in told]
+    assert answers[2]["together"]["with"] == "black_level"
+    assert answers[2]["area"]["percent"] == [-95.0]
+    axis = cause_figure(answers).axes[0]
+    assert [t.get_text() for t in axis.get_yticklabels()] == ["modulus, 6 N", "black_level and tone_curve, 6 N"]
+    assert [bar.get_width() for bar in axis.patches] == [-10.8, -0.8]
+    still = paired(found, {"tone_curve": "black_level", "black_level": "tone_curve"}, 0.05)
+    assert first_line("causes", still, 0.99, left, None, "").endswith(
+        "without effect on the area: black_level and tone_curve, which make up for each other"
+    )
+
+
+@pytest.mark.parametrize(("near", "both"), [({}, -0.8), ({"tone_curve": "black_level"}, -60.0)])
+def test_causes_that_data_tell_apart_or_that_add_up_are_told_each(near: dict[str, str], both: float) -> None:
+    told = paired([named("tone_curve", -95.0), named("black_level", 3.3)], near, both)
+    assert [n.together for n in told] == [None, None]
+    assert told[0].as_dict()["together"] is None
+    assert replace(told[0], together=None).moved is told[0].consequence

@@ -632,6 +632,36 @@ def test_what_was_dropped_comes_back_by_an_exchange_only_for_what_is_not_credibl
     assert told == [f"{name} in the place of a (place 1 of 1)" for name in tried]
 
 
+@pytest.mark.parametrize(
+    ("shown", "out", "better"),
+    [
+        ({}, "a", True),
+        ({"a:x": 0.3, "@black": 0.0}, "b", True),
+        ({}, "a", False),
+        ({"a:x": 0.3, "b:x": 1.0}, "", False),
+    ],
+)
+def test_a_beginning_that_leaves_much_is_tried_without_its_first_cause_that_nothing_shows_by_itself(shown, out, better):
+    """Rationale: a black level that the covered lens showed was left out, and a tone curve taken in its place."""
+    search = Search(*toy({}), SimpleNamespace(further=lambda now: now))  # type: ignore[arg-type]
+    search.first, search.shown = 5000.0, lambda point, causes: shown
+    misfits = iter((3000.0, 1500.0 if better else 2500.0))
+    left_out: list[Any] = []
+
+    def added(now: Any, asked: Any) -> Any:
+        left_out.append(tuple(search.in_vain))
+        return SimpleNamespace(ids=(*now.ids, f"c{len(now.ids)}"), misfit=next(misfits), taken=(), point={})
+
+    search._added, search._words = added, lambda fitted: ""  # type: ignore[method-assign, assignment]
+    search.fitter.stand = lambda taken, point: None
+    start: Any = SimpleNamespace(ids=(), point={}, taken=(), misfit=5000.0)
+    now: Any = SimpleNamespace(ids=("a", "b"), misfit=2000.0, taken=(), point={})
+    found = search._begun(start, now)
+    assert left_out == ([(out,)] * 2 if out else [])
+    assert found.ids == (("c0", "c1") if better else ("a", "b"))
+    assert not search.in_vain
+
+
 def test_what_gave_way_to_something_unknown_may_come_back_once_that_is_dropped():
     search = Search(*toy({}), SimpleNamespace())  # type: ignore[arg-type]
     search.refused, search.unknown = {"a": GAVE_WAY, "b": "dropped: its place is more probably empty"}, {UNKNOWN: 3.0}

@@ -162,11 +162,13 @@ class Search(Moves):
         """Return the better of two beginnings: where the first causes leave much, others are taken without it.
 
         What several causes do together may look most like one that is not there, and everything after it makes up for
-        it.
+        it. What views show that show nothing else looks like no other.
         """
-        if self.unknown or self.share(now.misfit) < GOOD_BEGINNING:
+        surely = {name.partition(":")[0] for name in self.shown(start.point, self.causes)}
+        first = next((name for name in now.ids if name not in surely), "")
+        if self.unknown or not first or self.share(now.misfit) < GOOD_BEGINNING:
             return now
-        first, steps = now.ids[0], self.steps
+        steps = self.steps
         self.tell(f"{', '.join(now.ids)} leave much: begun again without {first}")
         self.steps = []
         other = start

@@ -33,7 +33,7 @@ def no_rows(found: JointFit) -> Any:
 
 def rows_of(model: AnchoredModel, found: JointFit) -> CovarianceRows:
     """Return the rows of all causes' errors of form."""
-    return Discrepancy(model, form_errors).tied(found)
+    return CovarianceRows.joined(*Discrepancy(model, form_errors).tied(found).values())
 
 
 @pytest.fixture(scope="module")

@@ -75,6 +75,7 @@ def test_a_metric_of_stretches_is_that_of_the_whole_array(rng, shape):
     np.testing.assert_allclose(metric.project(vectors), np.linalg.solve(covariance, vectors.T).T, rtol=1e-8)
     white = np.atleast_2d(metric.whiten(vectors))
     np.testing.assert_allclose(white @ white.T, metric.gram(np.atleast_2d(vectors)), rtol=1e-8, atol=1e-12)
+    assert metric.log_det == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
 
 
 def test_stretches_that_are_added_later_join_those_that_are_there(rng):

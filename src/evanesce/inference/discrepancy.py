@@ -100,8 +100,8 @@ class Discrepancy:
         """Return the rows of the nominal light; that of single views is a nuisance by itself."""
         return tied_rows(self.model.data, self.model.cube(fitted.point), OWN_LIGHT, by_view=False)
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
-        """Return the rows of each cause, and that of what extrapolation to finer pixels added at the anchor.
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> dict[str, CovarianceRows]:
+        """Return the rows of each cause by its name; at "" that of what extrapolation to finer pixels added.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class Discrepancy:
         """
         data = self.model.data
         extrapolated = data.whitened(self.model.discretisation)[None] * EXTRAPOLATED
-        found = [CovarianceRows(np.asarray(extrapolated, np.float32))]
+        found = {"": CovarianceRows(np.asarray(extrapolated, np.float32))}
         changes = self.changes(fitted)
         for taken in fitted.taken:
             if taken.id not in changes:
@@ -123,8 +123,8 @@ class Discrepancy:
                     self.shares[taken.id] = self._share(fine, fitted.without(taken.id), change)
                 except InputError:
                     continue
-            found.append(self.rows(data, change, self.shares.get(taken.id, TIED_SHARE)))
-        return CovarianceRows.joined(*found)
+            found[taken.id] = self.rows(data, change, self.shares.get(taken.id, TIED_SHARE))
+        return found
 
     def changes(self, fitted: JointFit) -> dict[str, Array]:
         """Return what each cause changes (views, rows, cols) [DN], by its name; without those that a rig cannot lack.
@@ -147,7 +147,7 @@ class Discrepancy:
 
     def every_row(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
         """Return all rows."""
-        return CovarianceRows.joined(self.light(fitted), self.tied(fitted, fine))
+        return CovarianceRows.joined(self.light(fitted), *self.tied(fitted, fine).values())
 
     def _share(self, fine: Array, without: Mapping[str, float], change: Array) -> float:
         """Return the relative difference of a cause's change between the fine and the coarse model."""

@@ -35,8 +35,8 @@ from evanesce.prediction.linear import CovarianceRows
 
 Array = NDArray[Any]
 
-NUISANCES, DISCREPANCY, LIGHT, FITTED, DRAWN = "nuisances", "discrepancy", "light", "fitted ", "drawn"
-"""Blocks of rows; a cause's name and its own block are the same."""
+NUISANCES, DISCREPANCY, LIGHT, FITTED, DRAWN = "nuisances", "discrepancy ", "light", "fitted ", "drawn"
+"""Blocks of rows, some of them followed by a cause's name; that name alone is the block of its forms."""
 
 
 class Bank(Protocol):
@@ -52,8 +52,8 @@ class Rows(Protocol):
     def light(self, fitted: JointFit) -> CovarianceRows:
         """Return the rows of the nominal light."""
 
-    def tied(self, fitted: JointFit) -> CovarianceRows:
-        """Return the rows of the causes of a joint fit, the model anchored about it."""
+    def tied(self, fitted: JointFit) -> Mapping[str, CovarianceRows]:
+        """Return the rows of each cause of a joint fit by its name, the model anchored about it; others at ""."""
 
     def every_row(self, fitted: JointFit) -> CovarianceRows:
         """Return both."""
@@ -171,7 +171,7 @@ class Judge:
         own = self._other_laws(space, fitted)
         marginal, rest = _marginal(fitted.ids, unknown, own), self._rest([*fitted.ids, *left_out], unknown)
         place, p = self._judged(space, marginal, rest, 0, with_p=True)
-        bare = {n: s for n, s in marginal.items() if n != DISCREPANCY and n not in own}
+        bare = {n: s for n, s in marginal.items() if not n.startswith(DISCREPANCY) and n not in own}
         by_misfit = place_of(*self._products(space, bare, rest, 0)[:2])
         lit, forms = likelier(space, marginal, 0), [block for block in rest if cause_of(block) != UNKNOWN]
         gram, along = space.marginalised(lit, forms, 0)
@@ -283,7 +283,10 @@ class Judge:
         blocks: dict[str, Array] = {NUISANCES: np.concatenate([fitted.nuisance_rows, _scaled(fitted, "@")])}
         for taken in fitted.taken:
             blocks[f"{FITTED}{taken.id}"] = _scaled(fitted, f"{taken.id}:")
-        blocks[DISCREPANCY] = self.discrepancy.tied(fitted).dense()
+        # A cause that is not there has no form to be off: its place is judged without its own rows.
+        tied = {name: rows.dense() for name, rows in self.discrepancy.tied(fitted).items()}
+        none = np.zeros((0, fitted.residual.size), np.float32)
+        blocks |= {f"{DISCREPANCY}{name}": tied.get(name, none) for name in ("", *fitted.ids)}
         blocks[LIGHT] = self.discrepancy.light(fitted).dense()
         secants: dict[str, Array] = {}
         if judged:
@@ -355,8 +358,8 @@ def likelier(space: SmallSpace, marginal: Mapping[str, float | Array], vector: i
 def _marginal(
     taken: Collection[str], unknown: Mapping[str, float], forms: Mapping[str, Array] = MappingProxyType({})
 ) -> dict[str, float | Array]:
-    own = {f"{FITTED}{name}": 1.0 for name in taken} | {name: forms[name] for name in taken if name in forms}
-    return {NUISANCES: 1.0, DISCREPANCY: 1.0, **own, **unknown}
+    own = {f"{block}{name}": 1.0 for name in taken for block in (FITTED, DISCREPANCY)}
+    return {NUISANCES: 1.0, DISCREPANCY: 1.0, **own, **{n: forms[n] for n in taken if n in forms}, **unknown}
 
 
 def _scaled(fitted: JointFit, prefix: str) -> Array:

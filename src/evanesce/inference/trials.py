@@ -31,7 +31,8 @@ SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
 TRIAL_ROUNDS = 6
 NEARER = (1.0, 0.3, 0.1)
-"""Prior deviations of what a cause's form may be, over those of its parameters; each as probable."""
+"""Deviations of what a cause's form may be, over those of its parameters' priors or of the discrepancy; each as
+probable."""
 
 
 @dataclass
@@ -56,8 +57,8 @@ class Trials:
     tell: Tell = lambda line: None
     shown: Shown = lambda point, causes: {}
     refused: dict[str, str] = field(default_factory=dict)
-    _weighed: tuple[JointFit, Metric] | None = None
-    """The metric in which fits are weighed against one, its discrepancy marginalised."""
+    _weighed: tuple[JointFit, str, float] | None = None
+    """A fit, one of its causes, and the evidence against which others in its place are weighed."""
     _whole: tuple[JointFit, float] | None = None
     """A fit, and what its causes leave at the best."""
 
@@ -205,25 +206,28 @@ class Trials:
     def _ahead(self, now: JointFit, name: str, better: JointFit, other: str) -> float:
         """Return by how many nats a fit with another cause in a place is more probable than the present one.
 
-        Both by the present fit's discrepancy: a cause's form is off by per cents, which is more than what decides
-        between two strong causes that look alike.
+        Each by the discrepancy of its own causes, which are off by per cents of what they do: that is more than what
+        decides between two strong causes that look alike, but no cause is off by what another one does.
         """
-        metric = self._metric(now)
-        return self._evidence(better, other, metric) - self._evidence(now, name, metric)
+        if self._weighed is None or self._weighed[0] is not now or self._weighed[1] != name:
+            self._weighed = now, name, self._evidence(now, name)
+        return self._evidence(better, other) - self._weighed[2]
 
-    def _metric(self, now: JointFit) -> Metric:
-        """Return the metric of a fit with its discrepancy marginalised."""
-        if self._weighed is None or self._weighed[0] is not now:
-            self._weighed = now, now.metric.with_rows(self.judge.discrepancy.every_row(now))
-        return self._weighed[1]
-
-    def _evidence(self, fitted: JointFit, name: str, metric: Metric) -> float:
-        """Return the log evidence of a fit in a metric, how strong one of its causes may be left open [nats].
+    def _evidence(self, fitted: JointFit, name: str) -> float:
+        """Return the log evidence of a fit, how strong one of its causes may be left open [nats].
 
         Along the direction that data know best a cause has no prior but that of strengths, which all causes share. What
         else its form may be is as probably near its null as far from it: room light is often even, a strip's own sides
-        alike.
+        alike. So is what forms are off by, or nothing: a law that data follow is not the worse for what it might have
+        been off by.
         """
+        rows = self.judge.discrepancy.every_row(fitted)
+        metrics = [fitted.metric.with_rows(rows.times(nearer)) for nearer in (*NEARER, 0.0)]
+        each = [self._evidence_in(metric, fitted, name) - 0.5 * metric.log_det for metric in metrics]
+        return float(np.logaddexp.reduce(each) - np.log(len(each)))
+
+    def _evidence_in(self, metric: Metric, fitted: JointFit, name: str) -> float:
+        """Return it in one metric, without that one's own factor."""
         found = fitted.in_metric(metric)
         places = fitted.of_cause(name)
         cause = next((c for c in self.causes if c.id == name), None)

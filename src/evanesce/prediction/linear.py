@@ -48,6 +48,11 @@ class CovarianceRows:
         stretches = {start: np.concatenate(rows) for start, rows in by_start.items()}
         return cls(np.concatenate([part.whole for part in every]), stretches)
 
+    def times(self, factor: float) -> CovarianceRows:
+        """Return all rows times a factor."""
+        factor = self.whole.dtype.type(factor)
+        return CovarianceRows(self.whole * factor, {start: rows * factor for start, rows in self.stretches.items()})
+
     def __len__(self) -> int:
         return len(self.whole) + sum(len(rows) for rows in self.stretches.values())
 
@@ -122,6 +127,12 @@ class Metric:
         more = CovarianceRows.joined(rows)
         every = CovarianceRows.joined(CovarianceRows(self.rows.astype(more.whole.dtype), own), more)
         return Metric._of(every.whole, every.stretches)
+
+    @property
+    def log_det(self) -> float:
+        """Log determinant of the covariance of noise and nuisances."""
+        factors = [self.factor, *(factor for _, factor in self.stretches.values())]
+        return float(sum(2.0 * np.log(np.diag(factor[0])).sum() for factor in factors))
 
     def project(self, vectors: Array) -> Array:
         """Return the metric times vectors (..., d): what no plausible nuisance explains of them."""

@@ -205,15 +205,16 @@ class PhotoFitter(Fitter):
 class PhotoDiscrepancy(Discrepancy):
     """Discrepancy with the even blur in it: its form is not known, and varies over the frame."""
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
-        """Return the rows of each cause and of the blur."""
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> dict[str, CovarianceRows]:
+        """Return the rows of each cause by its name, and at "" those of the blur as well."""
         whole, blur = self.model.cube(fitted.point), fitted.point["@blur"]
         other = ({"@blur": SHARPEST_BINS}, {"@blur": 2.0 * blur}, {"@disc": 0.0}, {"@disc": 1.0})
-        found = [super().tied(fitted)]
+        found = super().tied(fitted)
         for changed in other:
             change = whole - self.model.cube({**fitted.point, **changed})
-            found.append(tied_rows(self.model.data, change, BLUR_FORM, by_view=False))
-        return CovarianceRows.joined(*found)
+            rows = tied_rows(self.model.data, change, BLUR_FORM, by_view=False)
+            found[""] = CovarianceRows.joined(found[""], rows)
+        return found
 
 
 class PhotoJudge(Judge):

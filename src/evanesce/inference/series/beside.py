@@ -156,9 +156,11 @@ class FramesAndSeriesDiscrepancy(Discrepancy):
         """Return the rows of the nominal light."""
         return _rows_beside(super().light(fitted), SeriesDiscrepancy(self.model.series).light(fitted))
 
-    def tied(self, fitted: JointFit, fine: Array | None = None) -> CovarianceRows:
-        """Return the rows of each cause, and of what extrapolation to finer pixels added."""
-        return _rows_beside(super().tied(fitted, fine), SeriesDiscrepancy(self.model.series).tied(fitted))
+    def tied(self, fitted: JointFit, fine: Array | None = None) -> dict[str, CovarianceRows]:
+        """Return the rows of each cause by its name, and at "" that of what extrapolation to finer pixels added."""
+        series = SeriesDiscrepancy(self.model.series).tied(fitted)
+        none = CovarianceRows(np.zeros((0, self.model.series.observed.size), np.float32))
+        return {name: _rows_beside(rows, series.get(name, none)) for name, rows in super().tied(fitted, fine).items()}
 
     def sizes(self, fitted: JointFit) -> dict[str, float]:
         """Return the norm of what each cause changes in bins and rows, by its name [standard deviations]."""

@@ -217,9 +217,9 @@ class SeriesDiscrepancy:
         light = [p for p in self.model.nuisances() if p.name == "@light"]
         return self._smooth([OWN_LIGHT * self.model.derivative(fitted.point, p) for p in light])
 
-    def tied(self, fitted: JointFit) -> CovarianceRows:
-        """Return the rows of each cause."""
-        return self._smooth([TIED_SHARE * change for change in self._changes(fitted).values()])
+    def tied(self, fitted: JointFit) -> dict[str, CovarianceRows]:
+        """Return the rows of each cause by its name."""
+        return {name: self._smooth([TIED_SHARE * change]) for name, change in self._changes(fitted).items()}
 
     def sizes(self, fitted: JointFit) -> dict[str, float]:
         """Return the norm of what each cause changes, by its name [standard deviations]."""
@@ -238,7 +238,7 @@ class SeriesDiscrepancy:
 
     def every_row(self, fitted: JointFit) -> CovarianceRows:
         """Return all rows of a joint fit, the model anchored about it."""
-        return CovarianceRows.joined(self.light(fitted), self.tied(fitted))
+        return CovarianceRows.joined(self.light(fitted), *self.tied(fitted).values())
 
     def _smooth(self, changes: Sequence[Array]) -> CovarianceRows:
         data = self.model.data

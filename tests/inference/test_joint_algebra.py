@@ -960,3 +960,20 @@ def test_droop_comes_back_from_its_coordinate_within_its_bounds(droop):
     found = natural("led_droop:droop", saturating(0.25).of(droop))
     assert found == pytest.approx(droop, rel=1e-12)
     all_effects()["led_droop"].with_values({"droop": found})
+
+
+def test_what_shows_beside_a_loud_cause_is_no_reason_to_deny_it():
+    """One of strength 9000, whose form may be 2 % off, and one of 250 that was not taken: 30,000 nats in any place.
+
+    Rationale: with the loud one's own error marginalised, nothing explained it but for 2000 nats, and another cause that
+    explained what was left was told in its place.
+    """
+    fitter, causes = toy({"a:x": 6.0, "b:x": 0.15})
+    fitter.model.discretisation = np.zeros((len(VIEWS), *SHAPE))
+    bank: Any = ToyBank(fitter.model, np.random.default_rng(7))
+    judge = Judge(fitter, causes, bank, Discrepancy(fitter.model))
+    fitted = fitter.relinearised([Taken(causes[0], causes[0].parameters)], {})
+    assert fitted.misfit > 30_000
+    posterior = judge.posterior(fitted)
+    assert posterior.places["a"].credible_set == ("a",)
+    assert posterior.further.credible_set == ("b",)

@@ -965,8 +965,8 @@ def test_droop_comes_back_from_its_coordinate_within_its_bounds(droop):
 def test_what_shows_beside_a_loud_cause_is_no_reason_to_deny_it():
     """One of strength 9000, whose form may be 2 % off, and one of 250 that was not taken: 30,000 nats in any place.
 
-    Rationale: with the loud one's own error marginalised, nothing explained it but for 2000 nats, and another cause that
-    explained what was left was told in its place.
+    Rationale: with the loud one's own error marginalised, nothing explained it but for 2000 nats, and another cause
+    that explained what was left was told in its place.
     """
     fitter, causes = toy({"a:x": 6.0, "b:x": 0.15})
     fitter.model.discretisation = np.zeros((len(VIEWS), *SHAPE))

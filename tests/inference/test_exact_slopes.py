@@ -10,7 +10,7 @@ import pytest
 from evanesce.core.errors import InputError
 from evanesce.inference.exact_slopes import exact_slopes
 from evanesce.inference.model import one_by_one
-from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.parameters import Parameter, derivative
 
 
 class Toy:
@@ -102,3 +102,23 @@ def test_two_figures_that_do_the_same_are_not_told_apart_by_the_bend_of_their_la
     coarse = [(edge(0.1) - edge(0.0)) / 0.1, edge(0.03) - edge(0.0)]
     assert information(*coarse) > 0.9
     assert information(rows["a"], rows["b"]) < 0.2
+
+
+@pytest.mark.parametrize(("most", "at"), [(np.inf, 0.3), (0.31, 0.3), (0.305, 0.3)])
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_what_a_rig_cannot_have_on_one_side_is_differentiated_on_the_other(most: float, at: float, one_sided: bool):
+    """Two contrasts may add to less than 1: their bounds do not say so. Rationale: a run ended after twelve minutes."""
+
+    class Rig:
+        def cube(self, point: Any, only: Any) -> Any:
+            value = point["e:x"]
+            if value >= most:
+                raise InputError("contrasts add to more than 1")
+            return np.array([value**2, 3.0 * value])[None, :, None]
+
+    own = Parameter(name="e:x", deviation=1.0, step=0.02, bounds=(-1.0, 1.0), one_sided=one_sided)
+    found = derivative(Rig(), {"e:x": at}, own, [0])  # type: ignore[arg-type]
+    np.testing.assert_allclose(found[0, :, 0], [2 * at, 3.0], atol=0.021 if one_sided else 1e-9)
+    if np.isfinite(most):
+        with pytest.raises(InputError, match="contrasts"):
+            derivative(Rig(), {"e:x": most + 0.1}, own, [0])  # type: ignore[arg-type]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.core.errors import InputError
 from evanesce.effects.inference_hints import ITSELF, Coordinate
 from evanesce.prediction.point import Point
 from evanesce.prediction.predict import Predictor
@@ -76,8 +78,9 @@ def derivative(
 ) -> Array:
     """Return d(prediction)/d(parameter) (views of the predictor, rows, cols) [DN per unit]; 0 in other views.
 
-    Central differences; at a bound three points of one side, which are as exact: over a share of a prior's deviation
-    one-sided differences of first order would find sensitivity where there is none.
+    Central differences; at a bound, or beside values that the rig cannot have, three points of one side, which are as
+    exact: over a share of a prior's deviation one-sided differences of first order would find sensitivity where there
+    is none.
 
     Parameters
     ----------
@@ -88,6 +91,11 @@ def derivative(
         Wanted.
     base : ndarray, optional
         The prediction at ``point``, if it is known.
+
+    Raises
+    ------
+    InputError
+        If the rig can have no value on either side.
     """
     if parameter.template is not None:
         return parameter.template
@@ -99,13 +107,26 @@ def derivative(
 
     if not only:
         raise ValueError(f"{parameter.name} touches none of the views {list(views)}")
-    if parameter.one_sided:
-        side = h if low <= at + h <= high else -h
-        found = (cube(at + side) - (predictor.cube(point, only) if base is None else base)) / side
-    elif at - h >= low and at + h <= high:
-        found = (cube(at + h) - cube(at - h)) / (2 * h)
-    else:
-        side = h if at + 2 * h <= high else -h
+
+    def towards(side: float) -> Array:
         first = predictor.cube(point, only) if base is None else base
-        found = (4 * cube(at + side) - cube(at + 2 * side) - 3 * first) / (2 * side)
+        if parameter.one_sided:
+            return (cube(at + side) - first) / side
+        return (4 * cube(at + side) - cube(at + 2 * side) - 3 * first) / (2 * side)
+
+    reach = 1 if parameter.one_sided else 2
+    ways = [partial(towards, side) for side in (h, -h) if low <= at + reach * side <= high] or [partial(towards, -h)]
+    if not parameter.one_sided and at - h >= low and at + h <= high:
+        ways = [lambda: (cube(at + h) - cube(at - h)) / (2 * h), *ways]
+    found = _first_possible(ways)
     return np.nan_to_num(found, nan=0.0)
+
+
+def _first_possible(ways: Sequence[Callable[[], Array]]) -> Array:
+    """Return the result of the first of several ways that asks for nothing that the rig cannot have."""
+    for way in ways[:-1]:
+        try:
+            return way()
+        except InputError:
+            continue
+    return ways[-1]()

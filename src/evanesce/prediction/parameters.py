@@ -115,7 +115,8 @@ def derivative(
         return (4 * cube(at + side) - cube(at + 2 * side) - 3 * first) / (2 * side)
 
     reach = 1 if parameter.one_sided else 2
-    ways = [partial(towards, side) for side in (h, -h) if low <= at + reach * side <= high] or [partial(towards, -h)]
+    sides = [side for side in (h, -h) if low <= at + reach * side <= high] or [-h]
+    ways: list[Callable[[], Array]] = [partial(towards, side) for side in sides]
     if not parameter.one_sided and at - h >= low and at + h <= high:
         ways = [lambda: (cube(at + h) - cube(at - h)) / (2 * h), *ways]
     found = _first_possible(ways)

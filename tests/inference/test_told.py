@@ -54,6 +54,8 @@ def test_the_nearest_cause_is_that_of_the_largest_correlation_of_any_parameters(
     assert nearest(one, covariance, "black") == "tone"
     assert nearest(one, covariance, "tone") == "black"
     assert nearest(one, covariance, "modulus") == ""
+    alike = np.full((4, 4), 4.0)
+    assert nearest(one, alike, "black") in ("tone", "modulus")
     assert nearest(SimpleNamespace(ids=("tone",), of_cause=one.of_cause), covariance, "tone") == ""
 
 

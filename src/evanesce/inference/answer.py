@@ -272,6 +272,7 @@ def answer(
     noise = float(fitted.residual.size)
     explained = 1.0 - search.share(max(fitted.misfit - search.floor, 0.0))
     verdict = verdict_of(posterior, left.found)
+    not_judged = {**left_out, **search.not_taken}
     result = {
         "version": VERSION,
         "method": "joint",
@@ -293,10 +294,7 @@ def answer(
         "next_measurement": advice,
         "nuisances": {name: value for name, value in fitted.point.items() if name.startswith("@")},
         "moves": [vars(step) for step in search.steps],
-        "not_judged": [{"id": name, "why": why}
-            for name, why in {**left_out, **search.not_taken}.items()
-            if name not in fitted.ids
-        ],
+        "not_judged": [{"id": name, "why": not_judged[name]} for name in not_judged if name not in fitted.ids],
         "extended_scene": None,
         "seconds": seconds,
     }  # fmt: skip

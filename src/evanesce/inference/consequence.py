@@ -22,6 +22,8 @@ Array = NDArray[Any]
 
 KEPT = 2
 """Points whose areas are kept: the present fit and one beside it."""
+ROUNDED = 1e-6
+"""Added to variances over themselves: of parameters that stand in for each other exactly, rounding decides the rest."""
 NINETY = 1.645
 """Standard deviations of a 90 % interval."""
 
@@ -90,18 +92,20 @@ def nearest(fitted: JointFit, covariance: Array, cause: str) -> str:
     -----
     By the largest canonical correlation of the two causes' parameters (Hotelling 1936), whose square is that share.
     """
+    deviation = np.sqrt(np.diag(covariance))
+    correlations = covariance / np.outer(deviation, deviation) + ROUNDED * np.eye(len(deviation))
     whitened = {}
     for name in fitted.ids:
         places = fitted.of_cause(name)
         if places.size:
-            whitened[name] = places, np.linalg.cholesky(covariance[np.ix_(places, places)])
+            whitened[name] = places, np.linalg.cholesky(correlations[np.ix_(places, places)])
     if cause not in whitened:
         return ""
     own, root = whitened.pop(cause)
 
     def correlation(name: str) -> float:
         places, other = whitened[name]
-        return float(np.linalg.norm(solve(other, solve(root, covariance[np.ix_(own, places)]).T), 2))
+        return float(np.linalg.norm(solve(other, solve(root, correlations[np.ix_(own, places)]).T), 2))
 
     each = {name: correlation(name) ** 2 for name in whitened}
     most = max(each, key=lambda name: each[name], default="")

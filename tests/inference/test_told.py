@@ -12,7 +12,7 @@ import pytest
 from evanesce.inference import answer
 from evanesce.inference.answer import Named, first_line
 from evanesce.inference.consequence import Consequence, nearest
-from evanesce.inference.page import cause_figure
+from evanesce.inference.page import _causes, cause_figure
 
 
 def moving(percent: float) -> Consequence:
@@ -80,6 +80,11 @@ def test_causes_that_make_up_for_each_other_are_told_once_and_together() -> None
     axis = cause_figure(answers).axes[0]
     assert [t.get_text() for t in axis.get_yticklabels()] == ["modulus, 6 N", "black_level and tone_curve, 6 N"]
     assert [bar.get_width() for bar in axis.patches] == [-10.8, -0.8]
+    rows = _causes({"causes": answers}).tables[0].rows
+    assert [(row[0], row[3]) for row in rows] == [
+        ("modulus", "-10.80 at 6 N"), ("black_level (with tone_curve)", "-0.80 at 6 N"),
+        ("tone_curve (with black_level)", "-0.80 at 6 N"),
+    ]  # fmt: skip
     still = paired(found, {"tone_curve": "black_level", "black_level": "tone_curve"}, 0.05)
     assert first_line("causes", still, 0.99, left, None, "").endswith(
         "without effect on the area: black_level and tone_curve, which make up for each other"

@@ -139,10 +139,11 @@ def _causes(result: Mapping[str, Any]) -> Section:
         return Section("Causes", ["None."], tables=[Table(("cause", "probability"), rows, "The most probable.")])
     rows = []
     for cause in causes:
-        change, _, _, force = _largest(cause["area"])
+        change, _, _, force = _largest(_shown(cause)["area"])
+        told = f"{cause['id']} (with {_partner(cause)})" if _partner(cause) else cause["id"]
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = (cause["id"], f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
+            own = (told, f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
             interval = f"{p['lo']:.4g} to {p['hi']:.4g}"
             value = (name, f"{p['value']:.4g}", interval, str(p["unit"]))
             rows.append((*(own if number == 0 else ("", "", "", "")), *value))
@@ -154,7 +155,7 @@ def _causes(result: Mapping[str, Any]) -> Section:
         "Ordered by what they do to the area that the reference segmentation reads. Grey bars move it by less than"
         f" {100 * LEAST_AREA:g} %: they are listed because the frames show them."
     )
-    caption = "With the cause less without, where that is largest."
+    caption = "With the cause less without, where that is largest; with both where two make up for each other."
     return Section(
         "Causes", [text], [Picture(figure_png(cause_figure(causes)), caption)],
         [Table(columns, rows, "Intervals include what the model's forms may be off by.")],

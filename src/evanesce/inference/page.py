@@ -133,14 +133,14 @@ def _residuals(pictures: Pictures | tuple[Curve, ...]) -> Section:
 def _causes(result: Mapping[str, Any]) -> Section:
     causes = result["causes"]
     if not causes:
-        rows = [
+        likely = [
             (name, f"{p:.2g}") for name, p in list(result["posterior"]["inclusion"].items())[:MOST_PROBABLE] if p > 0
         ]
-        return Section("Causes", ["None."], tables=[Table(("cause", "probability"), rows, "The most probable.")])
-    rows = []
+        return Section("Causes", ["None."], tables=[Table(("cause", "probability"), likely, "The most probable.")])
+    rows: list[tuple[str, ...]] = []
     for cause in causes:
         change, _, _, force = _largest(_shown(cause)["area"])
-        told = f"{cause['id']} (with {_partner(cause)})" if _partner(cause) else cause["id"]
+        told = f"{cause['id']} (with {_partner(cause)})" if _partner(cause) else str(cause["id"])
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
             own = (told, f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")

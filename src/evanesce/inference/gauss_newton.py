@@ -116,8 +116,8 @@ class Solution:
         stiff = np.where(self.held, HELD * np.diag(self.precision), 0.0)
         return np.asarray(np.linalg.inv(self.precision + np.diag(stiff)))
 
-    def in_metric(self, metric: Metric, residual: Array, prior: Prior) -> tuple[Array, Solution]:
-        """Return the step to the least misfit in another metric, linear about this one, and the solution there.
+    def in_metric(self, metric: Metric, residual: Array, prior: Prior) -> Solution:
+        """Return the same parameters, their misfit and precision in another metric.
 
         Parameters
         ----------
@@ -126,13 +126,9 @@ class Solution:
             Whitened data less the prediction here.
         prior : Prior
         """
-        precision, gradient = _normal(self.rows, residual, self.values, prior, metric)
-        low, high = (np.where(self.held, 0.0, end - self.values) for end in (prior.low, prior.high))
-        step = bounded_step(precision, gradient, low, high)
+        precision, _ = _normal(self.rows, residual, self.values, prior, metric)
         misfit = float(metric.project(residual) @ residual) + prior.square(self.values)
-        misfit -= _promised(step, precision, gradient)
-        values, predicted = self.values + step, self.predicted + step @ self.rows
-        return step, replace(self, values=values, predicted=predicted, misfit=misfit, precision=precision)
+        return replace(self, misfit=misfit, precision=precision)
 
 
 def bounded_step(precision: Array, gradient: Array, low: Array, high: Array) -> Array:

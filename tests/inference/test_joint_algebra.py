@@ -920,7 +920,7 @@ def test_forms_that_no_figure_of_their_law_makes_are_unknown():
 
 @pytest.mark.parametrize("rounds", [0, 9])
 def test_a_fit_in_another_metric_is_weighed_where_it_stands(rounds):
-    """Against the whole covariance. Rationale: one that left 37 times as much took a place by what it promised."""
+    """Against the whole covariance. Rationale: one that left far more took a place by what it promised."""
     fitter, causes = toy({"a:x": 0.9, "b:x": -0.5})
     taken = [Taken(causes[0], causes[0].parameters)]
     fitted = fitter.fitted(taken, {"a:x": 0.1}, metric=fitter.jitter_metric({}), rounds=rounds)
@@ -956,10 +956,10 @@ def test_droop_comes_back_from_its_coordinate_within_its_bounds(droop):
     all_effects()["led_droop"].with_values({"droop": found})
 
 
-def test_what_shows_beside_a_loud_cause_is_no_reason_to_deny_it():
+def test_what_shows_beside_a_strong_cause_is_no_reason_to_deny_it():
     """One of strength 9000, whose form may be 2 % off, and one of 250 that was not taken: 30,000 nats in any place.
 
-    Rationale: with the loud one's own error marginalised, nothing explained it but for 2000 nats, and another cause
+    Rationale: with the strong one's own error marginalised, nothing explained it nearly as well, and another cause
     that explained what was left was told in its place.
     """
     fitter, causes = toy({"a:x": 6.0, "b:x": 0.15})

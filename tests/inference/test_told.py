@@ -60,8 +60,7 @@ def test_the_nearest_cause_is_that_of_the_largest_correlation_of_any_parameters(
 
 
 def paired(found: list[Named], near: dict[str, str], both: float) -> list[Named]:
-    told = answer._paired(found, lambda name: near.get(name, ""), lambda *names: moving(both))
-    return sorted(told, key=lambda n: (-n.moved.largest, n.partner < n.id))
+    return answer._paired(found, lambda name: near.get(name, ""), lambda *names: moving(both))
 
 
 def test_causes_that_make_up_for_each_other_are_told_once_and_together() -> None:

@@ -181,14 +181,11 @@ def named_causes(
                 consequence.largest < LEAST_AREA,
             )
         )  # fmt: skip
-    paired = _paired(
-        found, lambda name: nearest(fitted, covariance, name), partial(areas.of_causes, fitted, covariance)
-    )
-    return sorted(paired, key=lambda n: (-n.moved.largest, n.partner < n.id, -n.removed))
+    return _paired(found, lambda name: nearest(fitted, covariance, name), partial(areas.of_causes, fitted, covariance))
 
 
 def _paired(found: Sequence[Named], near: Callable[[str], str], areas: Callable[..., Consequence]) -> list[Named]:
-    """Return causes with those that make up for them: one without the other is a rig that nobody has.
+    """Return causes, by consequence, with those that make up for them: one without the other is a rig nobody has.
 
     Parameters
     ----------
@@ -207,7 +204,7 @@ def _paired(found: Sequence[Named], near: Callable[[str], str], areas: Callable[
         if together.change_mm2 and together.largest < SUBSTITUTE * n.consequence.largest:
             for one, partner in ((n.id, other), (other, n.id)):
                 known[one] = replace(known[one], partner=partner, together=together)
-    return list(known.values())
+    return sorted(known.values(), key=lambda n: (-n.moved.largest, n.partner < n.id, -n.removed))
 
 
 def extended_scene(model: Model, fitted: JointFit) -> Scene:

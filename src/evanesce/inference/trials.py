@@ -222,7 +222,7 @@ class Trials:
         been off by.
         """
         rows = self.judge.discrepancy.every_row(fitted)
-        metrics = [fitted.metric.with_rows(rows.times(nearer)) for nearer in (*NEARER, 0.0)]
+        metrics = [fitted.metric, *(fitted.metric.with_rows(rows.times(nearer)) for nearer in NEARER)]
         each = [self._evidence_in(metric, fitted, name) - 0.5 * metric.log_det for metric in metrics]
         return float(np.logaddexp.reduce(each) - np.log(len(each)))
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from evanesce.core.errors import InputError
 from evanesce.prediction.parameters import Parameter, derivative
 
 
@@ -30,7 +31,7 @@ def test_differences_over_what_the_data_allow_are_the_slope_there() -> None:
     root: Any = Root()
     near = replace(WORK, step=0.001, one_sided=True)
     assert derivative(root, {"a": 0.04}, near, [0]).mean() == pytest.approx(2.5, rel=0.01)
-    assert root.asked == [pytest.approx(0.041), 0.04]
+    assert sorted(root.asked) == [0.04, pytest.approx(0.041)]
     assert abs(derivative(root, {"a": 0.04}, WORK, [0]).mean() / 2.5 - 1.0) > 0.2
 
 
@@ -39,3 +40,22 @@ def test_one_side_is_the_one_within_bounds() -> None:
     near = replace(WORK, step=0.001, one_sided=True)
     assert derivative(root, {"a": 4.0}, near, [0]).mean() == pytest.approx(0.25, rel=0.01)
     assert max(root.asked) == 4.0
+
+
+def test_a_side_that_the_rig_cannot_have_is_left_for_the_other() -> None:
+    """Shares that add to one at most: above 1.2 there is no such rig, far inside the parameter's own bounds."""
+
+    class Shares(Root):
+        def cube(self, point: Any, only: Any = None) -> Any:
+            if point["a"] > 1.2:
+                raise InputError("led.imbalance: the shares add to more than 1")
+            return super().cube(point, only)
+
+    root: Any = Shares()
+    near = replace(WORK, step=0.01, one_sided=True)
+    assert derivative(root, {"a": 1.195}, near, [0]).mean() == pytest.approx(0.5 / np.sqrt(1.195), rel=0.01)
+    assert derivative(root, {"a": 1.195}, replace(near, one_sided=False), [0]).mean() == pytest.approx(
+        0.5 / np.sqrt(1.195), rel=0.001
+    )
+    with pytest.raises(InputError, match="more than 1"):
+        derivative(root, {"a": 1.3}, near, [0])

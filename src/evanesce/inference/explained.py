@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.inference.atoms import Peak, Responses, smoothed
+from evanesce.inference.atoms import smoothed
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.listing import Listed, Mark, listed
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.responses import Peak, Responses
 from evanesce.inference.single_effects import UNKNOWN, Place
 
 Array = NDArray[Any]

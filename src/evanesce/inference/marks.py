@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 
 from evanesce.core.rng import generator
 from evanesce.core.threads import in_threads
-from evanesce.inference.atoms import Maps, Peak, Responses, atoms_of, smoothed
+from evanesce.inference.atoms import atoms_of, smoothed
 from evanesce.inference.causes import Cause
 from evanesce.inference.constants import DETECTED_BESIDE
 from evanesce.inference.data import SATURATED
 from evanesce.inference.explained import WIDER_PX, Explained, Scan, flattened
 from evanesce.inference.listing import behaviour_of, listed, point_spread
 from evanesce.inference.model import AnchoredModel
+from evanesce.inference.responses import Maps, Peak, Responses
 from evanesce.inference.row_waves import ripple_of
 from evanesce.prediction.views import BIN_PX
 

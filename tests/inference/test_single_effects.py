@@ -166,7 +166,7 @@ def test_evidence_beyond_all_draws_needs_none():
 
 
 def test_verdict_never_contradicts_the_probabilities():
-    """Random posteriors: named causes where a place is more probably a cause's than not, unknown likewise."""
+    """Random posteriors: every place that is more probably filled than empty is told of, as what is likelier there."""
     rng = np.random.default_rng(4)
     for _ in range(500):
         drawn = [rng.dirichlet(np.full(4, rng.choice([0.1, 1.0]))) for _ in range(int(rng.integers(1, 4)))]
@@ -176,9 +176,18 @@ def test_verdict_never_contradicts_the_probabilities():
         posterior = Posterior({f"c{k}": p for k, p in enumerate(every[:-1])}, every[-1], further_p)
         verdict = verdict_of(posterior, left)
         counted = every if further_p < 0.01 else every[:-1]
-        assert ("causes" in verdict) == any(p.probability["a"] + p.probability["b"] > 0.5 for p in counted)
-        assert ("unknown" in verdict) == (left or any(p.probability[UNKNOWN] > 0.5 for p in counted))
-        assert (verdict == "none") == ("causes" not in verdict and "unknown" not in verdict)
+        if verdict == "none":
+            assert not left
+            assert all(p.probability[NONE] >= 0.5 for p in counted)
+        if any(p.probability["a"] + p.probability["b"] > 0.5 for p in counted):
+            assert "causes" in verdict
+        if left or any(p.probability[UNKNOWN] > 0.5 for p in counted):
+            assert "unknown" in verdict
+        if "causes" in verdict:
+            assert any(p.probability["a"] + p.probability["b"] > 0.25 for p in counted)
+        if "unknown" in verdict and not left:
+            assert any(p.probability[UNKNOWN] > 0.25 for p in counted)
+        assert all(0.0 <= told <= 0.75 for told in posterior.at_most(0.75).inclusion.values())
         for place in every:
             if place.present > 0:
                 held = sum(place.probability[n] for n in place.credible_set)

@@ -12,7 +12,10 @@ import pytest
 from evanesce.inference import answer
 from evanesce.inference.answer import Named, first_line
 from evanesce.inference.consequence import Consequence, nearest
+from evanesce.inference.gain import HeldOut
+from evanesce.inference.naming import label_of
 from evanesce.inference.page import _causes, cause_figure
+from evanesce.inference.series.critic import SeriesGain
 
 
 def moving(percent: float) -> Consequence:
@@ -25,6 +28,10 @@ def named(name: str, percent: float, credible: tuple[str, ...] = ()) -> Named:
     return Named(name, 0.5, moving(percent), {"x": own}, 0.7, credible or (name,), abs(percent) < 0.2)
 
 
+def held_out(before: float, after: float) -> HeldOut:
+    return HeldOut((1.0, 0.0, 2.0), (2.0, 1.0), (before, after), 2)
+
+
 @pytest.mark.parametrize(
     ("credible", "told"),
     [
@@ -35,7 +42,26 @@ def named(name: str, percent: float, credible: tuple[str, ...] = ()) -> Named:
     ],
 )
 def test_no_cause_is_told_that_its_own_place_denies(credible: tuple[str, ...], told: str) -> None:
-    assert named("creep", 3.0, credible).told.replace(" (contact)", "").startswith(told)
+    cause = named("creep", 3.0, credible)
+    assert cause.told.replace(" (size of the contact)", "") == told
+    answered = cause.as_dict()
+    assert label_of(answered) == (cause.told if "fitted as" in told else "creep")
+    section = _causes({"causes": [answered], "posterior": {}})
+    assert section.tables[0].rows[0][0] == label_of(answered)
+
+
+def test_causes_that_stand_for_each_other_are_told_as_their_group() -> None:
+    """Only where all belong to it: what is told by a group must not hide the one that does not."""
+    assert named("creep", 3.0, ("modulus", "creep")).told == "creep or modulus (size of the contact)"
+    assert named("creep", 3.0, ("creep", "vignetting")).told == "creep or vignetting"
+
+
+@pytest.mark.parametrize(("after", "worse"), [(1.0, False), (1.19, False), (1.21, True), (np.nan, False)])
+def test_an_extension_that_makes_areas_worse_says_so_first(after: float, worse: bool) -> None:
+    left: Any = SimpleNamespace(found=False)
+    line = first_line("causes", [named("creep", 3.0)], 0.99, left, held_out(1.0, after), "")
+    assert line.startswith("CAUTION: the extension makes the held-out area worse (1.00 to 1.21 %)") == worse
+    assert SeriesGain((1.0, 0.0, 2.0), (2.0, 1.0), (1.0, after), 2).worse == worse
 
 
 def fitted(covariance: Any) -> tuple[Any, Any]:

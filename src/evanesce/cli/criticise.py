@@ -22,6 +22,7 @@ from evanesce.cli.common import (
     write_text,
 )
 from evanesce.core.errors import InputError
+from evanesce.inference.naming import label_of
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -114,11 +115,10 @@ def _show(result: dict[str, Any]) -> None:
         area = (cause["together"] or cause)["area"]
         largest = max(range(len(area["percent"])), key=lambda k: abs(area["percent"][k]), default=None)
         moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
-        told = f"{cause['id']} (with {cause['together']['with']})" if cause["together"] else cause["id"]
         for number, (name, p) in enumerate(cause["parameters"].items()):
             own = [*moved, f"{cause['probability']:.2f}"] if number == 0 else ["", "", ""]
             values = [f"{p[key]:.4g}" for key in ("value", "lo", "hi")]
-            table.add_row(told if number == 0 else "", name, *values, p["unit"], *own)
+            table.add_row(escape(label_of(cause)) if number == 0 else "", name, *values, p["unit"], *own)
     if result["causes"]:
         console.print(table)
     console.print(f"Not explained: {100 * result['misfit']['left_share']:.3g} % of the misfit.")

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence, nearest
 from evanesce.inference.constants import LEAST_AREA, LEAST_PROBABLE, SUBSTITUTE
 from evanesce.inference.gate import VERSION, Gate
-from evanesce.inference.groups import group_of
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import Model
+from evanesce.inference.naming import told_of
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.search import Search
-from evanesce.inference.single_effects import NONE, UNKNOWN, Place
+from evanesce.inference.single_effects import UNKNOWN, Place
 from evanesce.inference.unknown import told_fields
 from evanesce.prediction.fine import in_pixels
 from evanesce.prediction.linear import CovarianceRows, Metric
@@ -96,10 +96,7 @@ class Named:
     @property
     def told(self) -> str:
         """The cause, with those that stand in for it; those alone where what was fitted is none of them."""
-        likely = sorted(self.credible_set, key=lambda name: name != self.id)
-        group = group_of(likely) if len(likely) > 1 else ""
-        words = " or ".join(likely) + (f" ({group})" if group else "")
-        return words if self.id in likely else f"{words}, fitted as {self.id}"
+        return told_of(self.id, self.credible_set)
 
     @property
     def moved(self) -> Consequence:
@@ -216,8 +213,8 @@ def extended_scene(model: Model, fitted: JointFit) -> Scene:
 def verdict_of(posterior: Posterior, left_found: bool) -> str:
     """Return the verdict: ``none``, ``causes``, ``causes and unknown`` or ``unknown``.
 
-    The rule, on the probabilities and nothing else: there are causes if any place of the sum is more probably filled by
-    causes of the library than not, and there is something unknown if that is more probable than not in any place, or if
+    The rule, on the probabilities and nothing else: a place of the sum that is more probably filled than empty holds
+    what is likelier of causes of the library, all together, and something unknown. There is something unknown, too, if
     what is left of the views together is more than noise. The place of a further cause counts where noise alone would
     hardly give as much evidence for one.
 
@@ -228,8 +225,9 @@ def verdict_of(posterior: Posterior, left_found: bool) -> str:
         See :attr:`evanesce.inference.left.Left.found`.
     """
     places = [*posterior.places.values(), *([posterior.further] if posterior.asks else [])]
-    causes = any(1.0 - p.probability[NONE] - p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
-    unknown = left_found or any(p.probability.get(UNKNOWN, 0.0) > 0.5 for p in places)
+    filled = [(p.present, p.probability.get(UNKNOWN, 0.0)) for p in places if p.present > 0.5]
+    causes = any(present - unknown >= unknown for present, unknown in filled)
+    unknown = left_found or any(present - unknown < unknown for present, unknown in filled)
     return {(0, 0): "none", (1, 0): "causes", (1, 1): "causes and unknown", (0, 1): "unknown"}[causes, unknown]
 
 

@@ -34,7 +34,8 @@
 ``NONE_PRIOR``         0.5     prior probability that a place of the sum of causes holds none
 ``CREDIBLE``           0.95    probability of a credible set of causes
 ``CERTAIN``            0.75    most that is told of a probability: of what was given 0.7 and more, unknown among it, 84
-                               of 113 were there in the kept run without codecs (docs/criticism/challenge.md)
+                               of 113 were there in the first round of the challenge, codecs left out; its cases are
+                               scored no more (docs/criticism/challenge.md)
 ``LEAST_PROBABLE``     0.02    probability below which a cause is no rival that a further shot has to rule out
 ``DRAWS``              12      forms drawn of each cause; more change evidences by less than a nat
 ``UNKNOWN_WAVES``      12      half waves along the frame's longer side up to which an unknown field varies: 2 to 3 mm

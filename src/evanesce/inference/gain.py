@@ -45,9 +45,8 @@ class HeldOut:
 
     @property
     def worse(self) -> bool:
-        """Whether the extension makes the area worse by more than areas are repeated."""
-        before, after = self.area_percent
-        return bool(after - before > 100.0 * LEAST_AREA)
+        """Whether the extension makes the area worse."""
+        return areas_worse(*self.area_percent)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
@@ -55,6 +54,11 @@ class HeldOut:
             "log_score": list(self.log_score), "rms_DN": list(self.rms_DN),
             "area_error_percent": list(self.area_percent), "area_worse": self.worse, "views": self.views,
         }  # fmt: skip
+
+
+def areas_worse(before: float, after: float) -> bool:
+    """Return whether errors of areas [%] grew by more than areas are repeated; not where there are none (NaN)."""
+    return bool(after - before > 100.0 * LEAST_AREA)
 
 
 def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: JointFit, seed: int = 0) -> HeldOut | None:

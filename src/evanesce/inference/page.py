@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from evanesce.inference.constants import CREDIBLE, LEAST_AREA
+from evanesce.inference.naming import label_of, partner_of
 from evanesce.inference.pictures import Pictures
 from evanesce.inference.series.picture import Curve, series_figure
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
@@ -77,7 +78,7 @@ def cause_figure(causes: Sequence[Mapping[str, Any]]) -> Figure:
 
     With 90 % intervals.
     """
-    causes = [cause for k, cause in enumerate(causes) if _partner(cause) not in [other["id"] for other in causes[:k]]]
+    causes = [cause for k, cause in enumerate(causes) if partner_of(cause) not in [other["id"] for other in causes[:k]]]
     rows = [_largest(_shown(cause)["area"]) for cause in causes]
     figure = Figure(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
     FigureCanvasAgg(figure)
@@ -100,12 +101,9 @@ def _shown(cause: Mapping[str, Any]) -> Mapping[str, Any]:
     return cause["together"] or cause
 
 
-def _partner(cause: Mapping[str, Any]) -> str:
-    return str(cause["together"]["with"]) if cause["together"] else ""
-
-
 def _bar(cause: Mapping[str, Any]) -> str:
-    return " and ".join(name for name in (cause["id"], _partner(cause)) if name)
+    partner = partner_of(cause)
+    return f"{cause['id']} and {partner}" if partner else label_of(cause)
 
 
 def _largest(area: Mapping[str, Any]) -> tuple[float, float, float, float]:
@@ -140,10 +138,9 @@ def _causes(result: Mapping[str, Any]) -> Section:
     rows: list[tuple[str, ...]] = []
     for cause in causes:
         change, _, _, force = _largest(_shown(cause)["area"])
-        told = f"{cause['id']} (with {_partner(cause)})" if _partner(cause) else str(cause["id"])
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = (told, f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
+            own = (label_of(cause), f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
             interval = f"{p['lo']:.4g} to {p['hi']:.4g}"
             value = (name, f"{p['value']:.4g}", interval, str(p["unit"]))
             rows.append((*(own if number == 0 else ("", "", "", "")), *value))

@@ -44,6 +44,8 @@ class Posterior:
     places: Mapping[str, Place]
     further: Place
     further_p: float
+    most: float = 1.0
+    """Highest probability that is told."""
 
     def with_defects(self, found: Mapping[str, Place]) -> Posterior:
         """Return it with the places of localised defects as their scan has them.
@@ -69,9 +71,9 @@ class Posterior:
         return replace(self, places=places, further=self.further.without_law(causes))
 
     def at_most(self, most: float) -> Posterior:
-        """Return it where no cause has more than a probability in its place (:meth:`Place.at_most`)."""
+        """Return it where no cause has more than a probability, in a place or in all (:meth:`Place.at_most`)."""
         places = {name: place.at_most(most) for name, place in self.places.items()}
-        return replace(self, places=places, further=self.further.at_most(most))
+        return replace(self, places=places, further=self.further.at_most(most), most=most)
 
     @property
     def asks(self) -> bool:
@@ -86,7 +88,8 @@ class Posterior:
             for name, probability in place.probability.items():
                 if name != NONE:
                     out[name] = out.get(name, 1.0) * (1.0 - probability)
-        return dict(sorted(((n, 1.0 - left) for n, left in out.items()), key=lambda pair: -pair[1]))
+        told = {name: min(1.0 - left, self.most) for name, left in out.items()}
+        return dict(sorted(told.items(), key=lambda pair: -pair[1]))
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""

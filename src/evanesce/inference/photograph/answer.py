@@ -14,7 +14,7 @@ from evanesce.effects import all_effects
 from evanesce.inference.answer import scaled, unfitted, verdict_of, warnings_of, widened_covariance
 from evanesce.inference.consequence import NINETY
 from evanesce.inference.gate import VERSION
-from evanesce.inference.groups import group_of
+from evanesce.inference.naming import told_of
 from evanesce.inference.photograph.causes import ABSORBED
 from evanesce.inference.photograph.critic import PhotoCriticism
 from evanesce.inference.photograph.light import UNEVEN
@@ -133,11 +133,8 @@ def _points(found: PhotoCriticism) -> list[dict[str, Any]]:
 
 
 def _cause(name: str, probability: float, credible: tuple[str, ...], numbers: Mapping[str, Any]) -> dict[str, Any]:
-    others = [n for n in credible if n != name]
-    group = group_of([name, *others]) if others else ""
-    told = " or ".join([name, *others]) + (f" ({group})" if group else "")
     return {
-        "id": name, "told": told, "parameters": dict(numbers), "probability": probability,
+        "id": name, "told": told_of(name, credible), "parameters": dict(numbers), "probability": probability,
         "credible_set": list(credible),
     }  # fmt: skip
 
@@ -244,8 +241,9 @@ def first_line(
         return f"There is {unknown if 'unknown' in verdict else unfitted(found.posterior.further)}."
     more = f". Beside them there is {unknown}" if "unknown" in verdict else ""
     score, rms = gain["log_score"], gain["rms_DN"]
+    caution = "CAUTION: the extension predicts held-out blocks worse. " if score[0] < 0 else ""
     return (
-        f"{len(causes)} cause{'s' if len(causes) > 1 else ''} ({100 * explained:.1f} % of the misfit): "
+        f"{caution}{len(causes)} cause{'s' if len(causes) > 1 else ''} ({100 * explained:.1f} % of the misfit): "
         f"{', '.join(c['told'] for c in causes)}; on held-out blocks {score[0]:+.0f} nats, "
         f"{rms[0]:.1f} to {rms[1]:.1f} DN RMS{more}."
     )

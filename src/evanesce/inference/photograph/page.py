@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from evanesce.inference.naming import label_of
 from evanesce.inference.page import MOST_PROBABLE
 from evanesce.inference.photograph.critic import PhotoCriticism
 from evanesce.report.html import Page, Picture, Section, Table, figure_png
@@ -114,7 +115,7 @@ def _causes(answer: Mapping[str, Any]) -> Section:
     for cause in answer["causes"]:
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = (cause["id"], f"{cause['probability']:.2f}", ", ".join(others))
+            own = (label_of(cause), f"{cause['probability']:.2f}", ", ".join(others))
             interval = f"{p['lo']:.4g} to {p['hi']:.4g}"
             rows.append((*(own if number == 0 else ("", "", "")), name, f"{p['value']:.4g}", interval, str(p["unit"])))
     columns = ("cause", "probability", "stands for it (95 %)", "parameter", "value", "90 % interval", "unit")

@@ -19,6 +19,7 @@ from evanesce.inference.answer import answer, named_causes, scaled, widened_cova
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import CERTAIN, FAR, LEFT
+from evanesce.inference.gain import areas_worse
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
@@ -181,7 +182,7 @@ class SeriesGain:
     @property
     def worse(self) -> bool:
         """Whether the extension makes the area worse."""
-        return bool(self.area_percent[1] > self.area_percent[0])
+        return areas_worse(*self.area_percent)
 
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""

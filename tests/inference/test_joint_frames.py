@@ -116,6 +116,8 @@ def test_causes_are_named_with_what_they_do_to_the_area(tiny):
     assert held_out["rms_DN"][1] < 0.3 * held_out["rms_DN"][0]
     assert held_out["area_error_percent"][1] < held_out["area_error_percent"][0]
     assert not held_out["area_worse"]
+    # Each strong cause by itself predicts frames that no fit saw.
+    assert all(found[name]["held_out_nats"][1] > 10.0 for name in ("modulus", "black_level"))
     assert "modulus" in scene
 
 

@@ -281,9 +281,12 @@ def test_gain_is_that_of_rows_that_no_fit_saw(by_depth, tmp_path):
     used, held, _ = rows_of(bundle.series)
     model = SeriesModel(observation_of(bundle), held)
     base, right = (SimpleNamespace(point={"modulus:relative": v}) for v in (0.0, 0.4))
-    gain = gain_of(model, base, right)  # type: ignore[arg-type]
+    gain = gain_of(model, base, right, {"modulus": base, "creep": right})  # type: ignore[arg-type, dict-item]
     assert gain.views == held.log_y.size == 2
     assert gain.log_score[1] > 10.0
+    # Without its only cause the extension is the nominal model; one that it does not have adds nothing.
+    assert gain.by_cause["modulus"] == pytest.approx(gain.log_score, rel=1e-6)
+    assert gain.by_cause["creep"] == (0.0, 0.0, 0.0)
     assert gain.rms_sd[1] < 2.0 < gain.rms_sd[0]
     assert np.isnan(gain.area_percent).all()
     assert not gain.worse

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from evanesce.inference import answer
-from evanesce.inference.answer import Named, first_line
+from evanesce.inference.answer import Named, first_line, nearest_to_unknown
 from evanesce.inference.consequence import Consequence, nearest
 from evanesce.inference.gain import HeldOut
 from evanesce.inference.naming import label_of
 from evanesce.inference.page import _causes, cause_figure
+from evanesce.inference.posterior import Posterior
 from evanesce.inference.series.critic import SeriesGain
+from evanesce.inference.single_effects import UNKNOWN, Place
 
 
 def moving(percent: float) -> Consequence:
@@ -122,3 +124,23 @@ def test_causes_that_data_tell_apart_or_that_add_up_are_told_each(near: dict[str
     assert [n.together for n in told] == [None, None]
     assert told[0].as_dict()["together"] is None
     assert replace(told[0], together=None).moved is told[0].consequence
+
+
+def test_causes_that_move_no_area_are_ordered_by_what_they_add_to_held_out_conditions() -> None:
+    """Named ones by the area that they move, whatever their score."""
+    scores = {"hot_pixels": 40.0, "vignetting": 900.0, "modulus": 1.0, "creep": 5000.0}
+    percents = {"hot_pixels": 0.15, "vignetting": 0.01, "modulus": -8.0, "creep": 2.0}
+    found = [replace(named(n, p), held_out=(scores[n], scores[n] - 1, scores[n] + 1)) for n, p in percents.items()]
+    assert [n.id for n in paired(found, {}, 0.0)] == ["modulus", "creep", "vignetting", "hot_pixels"]
+    answered = paired(found, {}, 0.0)[2].as_dict()
+    assert answered["held_out_nats"] == [900.0, 899.0, 901.0]
+    assert "+900 (+899 to +901)" in _causes({"causes": [answered], "posterior": {}}).tables[0].rows[0]
+
+
+def test_what_is_unknown_is_told_with_what_comes_nearest_to_it() -> None:
+    """Of the place that it has been given, or else of that of a further cause."""
+    further = Place.of({UNKNOWN: 50.0, "creep": 12.0, "friction": 30.0})
+    assert nearest_to_unknown(Posterior({}, further, 0.001)) == "friction"
+    own = Place.of({UNKNOWN: 50.0, "vignetting": 3.0, "creep": 2.0})
+    assert nearest_to_unknown(Posterior({UNKNOWN: own}, further, 0.001)) == "vignetting"
+    assert nearest_to_unknown(Posterior({}, Place.of({UNKNOWN: 1.0}), 0.001)) == ""

@@ -109,14 +109,16 @@ def _show(result: dict[str, Any]) -> None:
     for warning in result["warnings"]:
         messages.print(escape(f"warning: {warning}"))
     table = Table(title="Fitted, with 90 % intervals", box=box.SIMPLE_HEAD)
-    for heading in ("cause", "parameter", "value", "from", "to", "unit", "area, mm^2", "area, %", "probability"):
+    moved = ("area, mm^2", "area, %", "held-out nats", "probability")
+    for heading in ("cause", "parameter", "value", "from", "to", "unit", *moved):
         table.add_column(heading, justify="left" if heading in ("cause", "parameter", "unit") else "right")
     for cause in result["causes"]:
         area = (cause["together"] or cause)["area"]
         largest = max(range(len(area["percent"])), key=lambda k: abs(area["percent"][k]), default=None)
-        moved = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
+        own_area = ["", ""] if largest is None else [f"{area['mm2'][largest]:+.2f}", f"{area['percent'][largest]:+.1f}"]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = [*moved, f"{cause['probability']:.2f}"] if number == 0 else ["", "", ""]
+            score = "" if cause["held_out_nats"] is None else f"{cause['held_out_nats'][0]:+.0f}"
+            own = [*own_area, score, f"{cause['probability']:.2f}"] if number == 0 else [""] * 4
             values = [f"{p[key]:.4g}" for key in ("value", "lo", "hi")]
             table.add_row(escape(label_of(cause)) if number == 0 else "", name, *values, p["unit"], *own)
     if result["causes"]:

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from evanesce.inference.consequence import NINETY, AreaReader, Consequence, nearest
 from evanesce.inference.constants import LEAST_AREA, LEAST_PROBABLE, SUBSTITUTE
+from evanesce.inference.gain import Interval
 from evanesce.inference.gate import VERSION, Gate
+from evanesce.inference.groups import group_of
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.model import Model
 from evanesce.inference.naming import told_of
@@ -76,6 +78,8 @@ class Named:
         Causes among which it is to 95 %; itself alone where nothing stands in for it.
     listed : bool
         Whether it moves the area by too little to be named first.
+    held_out : tuple of float, optional
+        What it adds to the log score of held-out conditions, and its 95 % interval [nats].
     partner : str
         Cause that makes up for it: the data hardly tell the two apart, and both together move the area by less than
         half of what one of them does.
@@ -90,6 +94,7 @@ class Named:
     probability: float
     credible_set: tuple[str, ...]
     listed: bool
+    held_out: Interval | None = None
     partner: str = ""
     together: Consequence | None = None
 
@@ -106,9 +111,11 @@ class Named:
     def as_dict(self) -> dict[str, Any]:
         """Return it in the answer's form."""
         return {
-            "id": self.id, "told": self.told, "parameters": {k: dict(v) for k, v in self.parameters.items()},
+            "id": self.id, "told": self.told, "group": group_of(self.credible_set),
+            "parameters": {k: dict(v) for k, v in self.parameters.items()},
             "probability": self.probability, "credible_set": list(self.credible_set),
             "misfit_share": self.removed, "area": self.consequence.as_dict(), "below_least_area": self.listed,
+            "held_out_nats": None if self.held_out is None else list(self.held_out),
             "together": None if self.together is None else {"with": self.partner, "area": self.together.as_dict()},
         }  # fmt: skip
 
@@ -133,15 +140,26 @@ def widened_covariance(fitted: JointFit, tied: CovarianceRows) -> Array:
     return np.asarray(own + spread @ spread.T)
 
 
+def lacking_each(search: Search, fitted: JointFit) -> dict[str, JointFit]:
+    """Return a fit without each of its causes, where the rig can lack it."""
+    found = {name: search.lacking(fitted, name) for name in fitted.ids}
+    return {name: one for name, one in found.items() if one is not None}
+
+
 def scaled(metric: Metric, residual: Array) -> float:
     """Return the mean squared residual (at least 1): by so much noise was taken for less than what is left."""
     return max(1.0, float(metric.project(residual) @ residual) / residual.size)
 
 
 def named_causes(
-    search: Search, areas: AreaReader, fitted: JointFit, tied: CovarianceRows, posterior: Posterior
+    search: Search,
+    areas: AreaReader,
+    fitted: JointFit,
+    tied: CovarianceRows,
+    posterior: Posterior,
+    held_out: Mapping[str, Interval],
 ) -> list[Named]:
-    """Return the causes, by consequence.
+    """Return the causes, by consequence; those that move the area too little to be named, by held-out score.
 
     Parameters
     ----------
@@ -149,6 +167,9 @@ def named_causes(
     areas : AreaReader
     fitted : JointFit
     tied : CovarianceRows
+    posterior : Posterior
+    held_out : mapping of str to tuple of float
+        What causes add to the log score of held-out conditions, with intervals [nats].
     """
     covariance = widened_covariance(fitted, tied) * scaled(fitted.metric, fitted.residual)
     deviation = np.sqrt(np.diag(covariance))
@@ -175,7 +196,7 @@ def named_causes(
         found.append(
             Named(
                 taken.id, removed, consequence, parameters, place.probability[taken.id], place.credible_set,
-                consequence.largest < LEAST_AREA,
+                consequence.largest < LEAST_AREA, held_out.get(taken.id),
             )
         )  # fmt: skip
     return _paired(found, lambda name: nearest(fitted, covariance, name), partial(areas.of_causes, fitted, covariance))
@@ -201,7 +222,18 @@ def _paired(found: Sequence[Named], near: Callable[[str], str], areas: Callable[
         if together.change_mm2 and together.largest < SUBSTITUTE * n.consequence.largest:
             for one, partner in ((n.id, other), (other, n.id)):
                 known[one] = replace(known[one], partner=partner, together=together)
-    return sorted(known.values(), key=lambda n: (-n.moved.largest, n.partner < n.id, -n.removed))
+    return sorted(known.values(), key=_rank)
+
+
+def _rank(cause: Named) -> tuple[float, float, bool, float]:
+    """Return what causes are ordered by: what they do to the area, if that is enough to be named, then held-out score.
+
+    Of two that make up for each other one stands behind the other.
+    """
+    moved = cause.moved.largest
+    score = cause.held_out[0] if cause.held_out is not None else cause.removed
+    named = moved >= LEAST_AREA
+    return -moved if named else 0.0, 0.0 if named else -score, cause.partner < cause.id, -cause.removed
 
 
 def extended_scene(model: Model, fitted: JointFit) -> Scene:
@@ -280,7 +312,8 @@ def answer(
         "gate": [line.as_dict() for line in gate.lines],
         "causes": [n.as_dict() for n in named],
         "posterior": posterior.as_dict(),
-        "unknown": left.as_dict() | {"fields": sorted(search.unknown)},
+        "unknown": left.as_dict()
+        | {"fields": sorted(search.unknown), "nearest": nearest_to_unknown(posterior) if "unknown" in verdict else ""},
         "misfit": {
             "before": search.first, "after": fitted.misfit, "bins": noise, "removed_share": explained,
             "left_share": 1.0 - explained,
@@ -294,6 +327,13 @@ def answer(
         "seconds": seconds,
     }  # fmt: skip
     return result, dump_scene(extended_scene(model, fitted))
+
+
+def nearest_to_unknown(posterior: Posterior) -> str:
+    """Return the cause of the library, of those not named, that comes nearest to something unknown; empty for none."""
+    place = posterior.places.get(UNKNOWN, posterior.further)
+    weighed = {name: value for name, value in place.log_bayes.items() if name != UNKNOWN}
+    return max(weighed, key=lambda name: weighed[name], default="")
 
 
 def warnings_of(verdict: str, named: bool, *, replicates: bool) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.inference.answer import answer, named_causes
+from evanesce.inference.answer import answer, lacking_each, named_causes
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import CERTAIN
@@ -96,8 +96,8 @@ def _criticised(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str])
     areas = AreaReader(model)
     may_be_off = found.discrepancy.every_row(best, fine)
     told = found.posterior.at_most(CERTAIN)
-    named = named_causes(search, areas, best, may_be_off, told)
-    gain = held_out(model, areas, start.base, best, seed)
+    gain = held_out(model, areas, start.base, best, lacking_each(search, best), seed)
+    named = named_causes(search, areas, best, may_be_off, told, {} if gain is None else gain.by_cause)
     metric = everything_marginalised(best)[0].with_rows(may_be_off)
     rest = metric.project(best.residual)
     draws = None if start.film is None else metric.project(start.film.draws(model))

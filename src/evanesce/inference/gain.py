@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,8 +21,11 @@ from evanesce.prediction.scores import bootstrap_sum, log_scores, rmse
 from evanesce.prediction.views import binned
 
 Array = NDArray[Any]
+Interval = tuple[float, float, float]
+"""Value, and both ends."""
 
 BOOTSTRAPS = 2000
+"""Ends of a 95 % interval are then good to a twentieth of its width."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,15 @@ class HeldOut:
     rms_DN, area_percent : tuple of float
         Root mean square residual of the bins; mean absolute error of the area over the measured one: before, after.
     views : int
+    by_cause : mapping of str to tuple of float
+        What each cause adds to the log score, and its interval [nats].
     """
 
-    log_score: tuple[float, float, float]
+    log_score: Interval
     rms_DN: tuple[float, float]
     area_percent: tuple[float, float]
     views: int
+    by_cause: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def worse(self) -> bool:
@@ -61,16 +67,26 @@ def areas_worse(before: float, after: float) -> bool:
     return bool(after - before > 100.0 * LEAST_AREA)
 
 
-def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: JointFit, seed: int = 0) -> HeldOut | None:
+def held_out(
+    model: AnchoredModel,
+    areas: AreaReader,
+    base: JointFit,
+    best: JointFit,
+    lacking: Mapping[str, JointFit],
+    seed: int = 0,
+) -> HeldOut | None:
     """Return the gain by the fine model of both; None where no view is held out.
 
-    The light and load of each view by itself are marginalised, for both models alike.
+    The light and load of each view by itself are marginalised, for both models alike. What each cause adds is by the
+    coarse model's change from the extended fit, about which the model is anchored.
 
     Parameters
     ----------
     model : AnchoredModel
     areas : AreaReader
     base, best : JointFit
+    lacking : mapping of str to JointFit
+        The extended fit without each cause.
     seed : int
         Of the bootstrap.
     """
@@ -89,11 +105,18 @@ def held_out(model: AnchoredModel, areas: AreaReader, base: JointFit, best: Join
         scores.append(log_scores(left, data.valid[views]))
         read = [areas.read(frames[k]) for k in views]
         off.append([abs(r / m - 1.0) for r, m in zip(read, measured, strict=True) if m > 0])
-    gained = bootstrap_sum(
-        scores[1] - scores[0], level=0.95, count=BOOTSTRAPS, rng=generator(seed, "inference", "gain")
-    )
     before, after = (100.0 * float(np.mean(o)) if o else float("nan") for o in off)
-    return HeldOut(gained, (errors[0], errors[1]), (before, after), len(views))
+
+    def gained(scored: Array) -> Interval:
+        drawn = generator(seed, "inference", "gain")
+        return bootstrap_sum(scores[1] - scored, level=0.95, count=BOOTSTRAPS, rng=drawn)
+
+    def without(fitted: JointFit) -> Array:
+        there = np.where(data.valid, cube + model.cube(fitted.point, views) - model.cube(best.point, views), np.nan)
+        return log_scores(_standardised(model, fitted.point, there, views), data.valid[views])
+
+    by_cause = {name: gained(without(fitted)) for name, fitted in lacking.items()}
+    return HeldOut(gained(scores[0]), (errors[0], errors[1]), (before, after), len(views), by_cause)
 
 
 def _standardised(model: AnchoredModel, point: Mapping[str, float], cube: Array, views: list[int]) -> Array:

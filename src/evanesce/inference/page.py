@@ -140,13 +140,19 @@ def _causes(result: Mapping[str, Any]) -> Section:
         change, _, _, force = _largest(_shown(cause)["area"])
         others = [n for n in cause["credible_set"] if n != cause["id"]]
         for number, (name, p) in enumerate(cause["parameters"].items()):
-            own = (label_of(cause), f"{cause['probability']:.2f}", ", ".join(others), f"{change:+.2f} at {force:g} N")
+            own = (
+                label_of(cause),
+                f"{cause['probability']:.2f}",
+                ", ".join(others),
+                f"{change:+.2f} at {force:g} N",
+                _score(cause),
+            )
             interval = f"{p['lo']:.4g} to {p['hi']:.4g}"
             value = (name, f"{p['value']:.4g}", interval, str(p["unit"]))
-            rows.append((*(own if number == 0 else ("", "", "", "")), *value))
+            rows.append((*(own if number == 0 else [""] * len(own)), *value))
     columns = (
-        "cause", "probability", f"stands for it ({100 * CREDIBLE:.0f} %)", "area [%]", "parameter", "value",
-        "90 % interval", "unit",
+        "cause", "probability", f"stands for it ({100 * CREDIBLE:.0f} %)", "area [%]",
+        "held-out score [nats]", "parameter", "value", "90 % interval", "unit",
     )  # fmt: skip
     text = (
         "Ordered by what they do to the area that the reference segmentation reads. Grey bars move it by less than"
@@ -159,11 +165,21 @@ def _causes(result: Mapping[str, Any]) -> Section:
     )  # fmt: skip
 
 
+def _score(cause: Mapping[str, Any]) -> str:
+    """Return what a cause adds to the log score of held-out conditions, with its interval."""
+    if cause["held_out_nats"] is None:
+        return "none held out"
+    value, low, high = cause["held_out_nats"]
+    return f"{value:+.0f} ({low:+.0f} to {high:+.0f})"
+
+
 def _further(result: Mapping[str, Any]) -> str:
     further = result["posterior"]["further"]
+    nearest = result["unknown"]["nearest"]
+    more = f" The library's nearest to what is unknown is {nearest}." if nearest else ""
     return (
         f"Noise alone would give as much evidence for a further cause with probability {further['p_value']:.2g};"
-        f" the first asked for would be {', '.join(further['credible_set'][:3])}."
+        f" the first asked for would be {', '.join(further['credible_set'][:3])}.{more}"
     )
 
 

@@ -59,6 +59,8 @@ class Trials:
     refused: dict[str, str] = field(default_factory=dict)
     _weighed: tuple[JointFit, str, float] | None = None
     """A fit, one of its causes, and the evidence against which others in its place are weighed."""
+    _lacks: tuple[JointFit, dict[str, JointFit | None]] | None = None
+    """A fit, and those without one of its causes."""
     _whole: tuple[JointFit, float] | None = None
     """A fit, and what its causes leave at the best."""
 
@@ -144,8 +146,17 @@ class Trials:
         A straight line about the fit does not know that a nuisance which makes up for the cause has a bound, nor that
         a strong cause bends. Where something unknown held the fit elsewhere, that is not the best one without it.
         """
-        without = self._refitted(now, name, fine=False)
+        without = self.lacking(now, name)
         return loss_of(now, name) if without is None else max(without.misfit - self._least(now), 0.0)
+
+    def lacking(self, now: JointFit, name: str) -> JointFit | None:
+        """Return the fit without a cause, all else fitted again by straight lines; None if the rig cannot lack it."""
+        if self._lacks is None or self._lacks[0] is not now:
+            self._lacks = now, {}
+        known = self._lacks[1]
+        if name not in known:
+            known[name] = self._refitted(now, name, fine=False)
+        return known[name]
 
     def _least(self, now: JointFit) -> float:
         """Return the misfit with all causes, fitted again where something unknown was marginalised beside them."""

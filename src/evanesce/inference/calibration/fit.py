@@ -190,7 +190,7 @@ def _fitted(bundle: Bundle, seed: int, tell: Tell, exclude: Collection[str]) -> 
     figures = intervals(best, tied)
     tell("held-out conditions and areas")
     reader = AreaReader(model)
-    gain = held_out(model, reader, start.base, best, seed)
+    gain = held_out(model, reader, start.base, best, {}, seed)
     areas = _areas(start, reader, best)
     whole = everything_marginalised(best)[0].with_rows(tied)
     left = _left(start, best, whole)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,11 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series
 from evanesce.core.errors import InputError
 from evanesce.core.rng import generator
-from evanesce.inference.answer import answer, named_causes, scaled, widened_covariance
+from evanesce.inference.answer import answer, lacking_each, named_causes, scaled, widened_covariance
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import CERTAIN, FAR, LEFT
-from evanesce.inference.gain import areas_worse
+from evanesce.inference.gain import Interval, areas_worse
 from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
@@ -112,12 +112,12 @@ def criticise_series(
     model.anchor(best.point)
     tied = discrepancy.every_row(best)
     told = posterior.at_most(CERTAIN)
-    named = named_causes(search, areas, best, tied, told)
+    gain = gain_of(model.of_other_rows(held), base, best, lacking_each(search, best)) if held.series else None
+    named = named_causes(search, areas, best, tied, told, {} if gain is None else gain.by_cause)
     covariance = widened_covariance(best, tied) * scaled(best.metric, best.residual)
     left = left_of(model, best, tied)
     advice = _advice(model, bank, judge, search, causes, best, posterior, tell)
     shown = _shown(model, held, base, best, covariance)
-    gain = gain_of(model.of_other_rows(held), base, best) if held.series else None
     notes = _notes(used)
     result, scene = answer(
         model, search, Gate((), {}), best, told, named, left, gain, advice, {**left_out, **without, **silent},
@@ -172,12 +172,15 @@ class SeriesGain:
         Mean absolute error of areas, before and after; NaN where none is held out.
     views : int
         Rows.
+    by_cause : mapping of str to tuple of float
+        What each cause adds to the log score, and its interval [nats].
     """
 
-    log_score: tuple[float, float, float]
+    log_score: Interval
     rms_sd: tuple[float, float]
     area_percent: tuple[float, float]
     views: int
+    by_cause: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def worse(self) -> bool:
@@ -193,7 +196,7 @@ class SeriesGain:
         }  # fmt: skip
 
 
-def gain_of(model: SeriesModel, base: JointFit, best: JointFit) -> SeriesGain:
+def gain_of(model: SeriesModel, base: JointFit, best: JointFit, lacking: Mapping[str, JointFit]) -> SeriesGain:
     """Return the gain on held-out rows by fine frames of both models, their load errors marginalised.
 
     Parameters
@@ -201,23 +204,36 @@ def gain_of(model: SeriesModel, base: JointFit, best: JointFit) -> SeriesGain:
     model : SeriesModel
         Of the held-out rows.
     base, best : JointFit
+    lacking : mapping of str to JointFit
+        The extended fit without each cause.
     """
-    left, white = [], []
-    for fitted in (base, best):
-        model.anchor(fitted.point)
+
+    def off(fitted: JointFit) -> tuple[Array, Array]:
         load = [p for p in model.nuisances() if p.linear]
         rows = np.array([model.derivative(fitted.point, p) for p in load]).reshape(len(load), -1)
-        left.append(model.observed - model.vector(fitted.point))
-        white.append(Metric.of(rows, np.array([p.deviation for p in load])).whiten(left[-1]))
-    gained = 0.5 * float((white[0] ** 2 - white[1] ** 2).sum())
-    # With d the difference of the predictions and unit noise the gain scatters by |d|.
-    spread = 1.96 * float(np.linalg.norm(white[0] - white[1]))
+        left = model.observed - model.vector(fitted.point)
+        return left, Metric.of(rows, np.array([p.deviation for p in load])).whiten(left)
+
+    left: list[Array] = []
+    white: list[Array] = []
+    for fitted in (base, best):
+        model.anchor(fitted.point)
+        for told, one in zip((left, white), off(fitted), strict=True):
+            told.append(one)
+
+    def gained(without: Array) -> Interval:
+        value = 0.5 * float((without**2 - white[1] ** 2).sum())
+        # With d the difference of the predictions and unit noise the gain scatters by |d|.
+        spread = 1.96 * float(np.linalg.norm(without - white[1]))
+        return value, value - spread, value + spread
+
+    by_cause = {name: gained(off(fitted)[1]) for name, fitted in lacking.items()}
     area = np.concatenate([np.full(len(s), s.y_name == "area") for s in model.data.series])
     errors = [
         100.0 * float(np.mean(np.abs(np.expm1(-(r * model.data.sd)[area])))) if area.any() else np.nan for r in left
     ]
     rms = [float(np.sqrt(np.mean(w**2))) for w in white]
-    return SeriesGain((gained, gained - spread, gained + spread), (rms[0], rms[1]), (errors[0], errors[1]), area.size)
+    return SeriesGain(gained(white[0]), (rms[0], rms[1]), (errors[0], errors[1]), area.size, by_cause)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ Array = NDArray[Any]
 DISCS_PX = (0.0, 1.5, 3.0)
 """Radii of round atoms: a point, and shadows of grains above the sensor."""
 LINES_PX = (24.0, 48.0, 96.0)
+"""Lengths an octave apart: the nearest holds at least 0.7 of a scratch's length and 0.84 of its signal. Shorter ones
+are points."""
 DIRECTIONS = 24
 """Of lines: neighbours of the longest are 12 pixels apart at their ends, half as far as lengths differ."""
 BLOBS_PX = (6.0, 12.0, 24.0)

@@ -51,6 +51,7 @@ OTHER_SD = 5.0
 SHRUNK = 4.0
 """A mean residual about a bin is zero up to so many times its variance, and shrunk beyond (James and Stein, 1961)."""
 LEAST_BINS = 20
+"""Of contact, from which its noise is read: a standard deviation from several frames of each is then good to 10 %."""
 SCALE_STEP = 2.0 * priors.SCALE_CLOSE
 """Of the logarithm of the noise's scale: bundles of one camera then share their forms, which are kept by it."""
 LEAST_SD_DN = 1e-3

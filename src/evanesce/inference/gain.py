@@ -25,7 +25,7 @@ Interval = tuple[float, float, float]
 """Value, and both ends."""
 
 BOOTSTRAPS = 2000
-"""Ends of a 95 % interval are then good to a twentieth of its width."""
+"""Ends of a 95 % interval are then good to a fiftieth of its width."""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ class Line:
     ----------
     name, unit : str
     measured, predicted : float
-        NaN where there is nothing to read it from.
     gross : bool
         Whether no plausible amount of any cause makes the difference.
     """

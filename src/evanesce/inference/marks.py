@@ -46,6 +46,7 @@ TAIL = 20
 MOST = 300
 """Defects of a list; the strongest."""
 ROUNDS = 8
+"""Scans in which the strongest are taken and hidden; the first take nearly all."""
 SHADOW, LEAST_NEAR = 0.1, 1e-4
 """What taking off smooth misfit makes about a defect is less than this share of it; how far that reaches."""
 STRONGEST = 0.5

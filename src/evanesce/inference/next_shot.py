@@ -32,7 +32,7 @@ Array = NDArray[Any]
 
 FRAMES = 8
 """Of a suggested shot."""
-WORTH = 0.05
+RESOLVED = 0.05
 """Of the doubt, that a shot has to resolve to be advised."""
 DRAWN = 400
 """Shots drawn for each entry of the menu: the mean entropy is then good to a few hundredths of a nat."""
@@ -149,7 +149,7 @@ def advice_of(chosen: Sequence[Cause], before: float, rows: Sequence[tuple[float
         Expected fall of the entropy [nats], what to measure, minutes that it costs.
     """
     ordered = sorted(rows, key=lambda r: (-round(r[0], 2), r[2]))
-    best = ordered[0][1] if ordered and ordered[0][0] > WORTH * before else None
+    best = ordered[0][1] if ordered and ordered[0][0] > RESOLVED * before else None
     return {
         "between": [c.id for c in chosen], "entropy_nats": before, "what": best,
         "menu": [{"what": what, "minutes": minutes, "gain_nats": gain} for gain, what, minutes in ordered],

@@ -17,6 +17,7 @@ Array = NDArray[Any]
 HALF = 0.5
 """Share of a contact's own light above which a pixel counts to it: no absolute level, so that light makes no area."""
 LEAST_CONTRAST_DN = 5.0
+"""Of a contact over the plate: some standard deviations of a smoothed pixel's noise, so that noise is no contact."""
 
 
 @dataclass(frozen=True)

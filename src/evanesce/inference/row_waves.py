@@ -26,7 +26,7 @@ RANGE_HZ = (40.0, 440.0)
 """Of frequencies that are tried: one period over a frame's rows to ten; wider bands are slopes, narrower ones bins."""
 FINER = 4
 """Trial frequencies for each that rows, and that the whole time, tell apart."""
-LEAST_SHARE = 0.02
+LEAST_LEFT = 0.02
 """Of a ripple that an exposure must leave: a light that is averaged out cannot be seen, whatever it does."""
 SMOOTH = 3
 """Powers of the row by which light may vary in a frame by itself: what a smooth cause leaves."""
@@ -93,7 +93,7 @@ def ripple_of(
         light,
         np.array([views[n].time_s for n in single]),
         row_times(left.shape[1], readout_s),
-        lambda frequency_hz: abs(bands.share(frequency_hz, exposure_s)) > LEAST_SHARE,
+        lambda frequency_hz: abs(bands.share(frequency_hz, exposure_s)) > LEAST_LEFT,
         _of_load(model, point, single, left.shape[1:]) * weight[single][:, None],
         drawn,
     )

@@ -290,7 +290,7 @@ class Search(Moves):
             self.in_vain[poor.entry.cause.id] = f"would bring {0.5 * poor.removed:.1f} nats"
         strong = max(2.0 * least, self._chance(now))
         self.faint = {
-            e.entry.cause.id: "takes less than a hundredth of what is not explained"
+            e.entry.cause.id: "takes no more of what is not explained than any form might by chance"
             for e in entered
             if 2.0 * least < e.removed <= strong
         }

@@ -31,6 +31,7 @@ Tell = Callable[[str], None]
 FLAT_DN = 1e-9
 """A tone curve that rises by less from one signal to the next is flat there."""
 COSTLY_DRAWS = 2
+"""Forms of a cause for which the plate's light is computed anew: one, and another to show how little they differ."""
 SHAPES = Folder("shapes", 1024)
 """Of their files, some 2 MB each: 25 rigs, or places of the finger, or cameras."""
 SCALE_STEP = 0.25

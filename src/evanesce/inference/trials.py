@@ -30,6 +30,7 @@ Shown = Callable[[Mapping[str, float], Sequence[Cause]], Mapping[str, float]]
 SHARES = (1.0, 0.4)
 """Of the linear estimate at which a cause is entered: where a straight line overshoots, the shorter one is nearer."""
 TRIAL_ROUNDS = 6
+"""Steps of a fit that only ranks causes; those that are taken are fitted to their end."""
 NEARER = (1.0, 0.3, 0.1)
 """Deviations of what a cause's form may be, over those of its parameters' priors or of the discrepancy; each as
 probable."""

@@ -2,12 +2,12 @@
 
 =================  ==========================================  ==========================================
 ``@pose_x[s]``     finger beside its believed place, session s  uniform enough: 1 mm
-``@light``         LEDs, exposure and gain together             log, 0.3
+``@light``         LEDs, exposure and gain together             log, 1
 ``@black``         black level within its rounding              0.3 raw DN
 ``@noise``         noise before the tone curve                  log, as scatter and dark level show it
 ``@flicker[v]``    light of one view                            log, as the replicates show it
 ``@force[v]``      load cell's error in one view                log, 0.3 %
-``@pose_x[card]``  place of a printed card; also ``@turn``      1 mm, 1 degree
+``@pose_x[card]``  place of a printed card; also ``@turn``      1 mm, 2 degrees
 ``@card_light``    the room's light on a card, and its slope    log 1; 0.1 over half the frame
 ``@card_veil``     what ink and glass send of it                0.04
 =================  ==========================================  ==========================================

@@ -92,7 +92,7 @@ def measured(
 
 OLD_FIRST = {"5": "25 % (16)", "7": "40 % (20)", "10": "52 % (27)", "20": "79 % (19)", "40": "83 % (18)"}
 OLD_FOUND = {"5": "57 % *", "7": "67 % *", "10": "95 % *"}
-"""Of causes that are no marks, uncompressed; * as issue I states them."""
+"""Of causes that are no marks, uncompressed; * from a summary of which no run is kept."""
 
 
 def rows(found: Mapping[str, Any]) -> Iterator[Row]:
@@ -110,10 +110,11 @@ def rows(found: Mapping[str, Any]) -> Iterator[Row]:
         old, goal = (".15 of 7 to 10 *", 0.85) if s == "10" else ("", None)
         yield ruled(f"marks detected at {s}, full pixels", found["detection_marks"].get(s, NOTHING), old, least=goal)
     goals = {"7": 0.80, "10": 0.90, "20": 0.95}
+    apart = found["first_isolable"]
     for s in ("5", "7", "10", "20", "40"):
-        entry = found["first_isolable"].get(s, NOTHING)
-        yield ruled(f"first answer right at {s}, isolable", entry, OLD_FIRST[s], least=goals.get(s))
-    for s, entry in found["first_all"].items():
+        kind, entry = ("all", found["first_all"]) if apart is None else ("isolable", apart)
+        yield ruled(f"first answer right at {s}, {kind}", entry.get(s, NOTHING), OLD_FIRST[s], least=goals.get(s))
+    for s, entry in (found["first_all"] if apart is not None else {}).items():
         yield ruled(f"first answer right at {s}, all", entry)
     for kind, entry in found["first_by_forms"].items():
         yield ruled(f"first answer right at 7 and above, {kind}", entry)
@@ -129,7 +130,7 @@ def rows(found: Mapping[str, Any]) -> Iterator[Row]:
         "15 families outside the library: unknown", entry["called_unknown"], "39 % (18; 8 families)", least=0.75
     )
     yield ruled("taken out of the library: unknown", found["unknown"]["removed"]["called_unknown"], "58 % (12)")
-    yield ruled("outside the library: a name with p > 0.8", entry["wrongly_named"])
+    yield ruled(f"outside the library: a name with p >= {SURE:g}", entry["wrongly_named"])
     error = found["calibration"]
     (mean, upper), value = error["perfect"], error["error"]
     text = f"{value:.3f}; perfect answerer {mean:.3f}, 95 % of them below {upper:.3f} ({error['pairs']} probabilities)"
@@ -213,8 +214,11 @@ def picture(records: Sequence[Record], known: Mapping[str, Any] | None, path: Pa
     for key, text, colour, shift in (
         ("detection_all", "something is found", "#1f77b4", 0.98),
         ("first_isolable", "first answer right, isolable causes", "#d62728", 1.02),
+        ("first_all", "first answer right", "#d62728", 1.02),
     ):
-        entries = found[key]
+        entries = found[key] if (key != "first_all" or found["first_isolable"] is None) else None
+        if entries is None:
+            continue
         strength = np.array([float(k) for k in entries]) * shift
         share = np.array([e["rate"] for e in entries.values()])
         low, high = (np.array([e[k] for e in entries.values()]) for k in ("lo", "hi"))

@@ -333,7 +333,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
     singles, nulls = group["single"], group["null"]
     plain = [r for r in singles if r["truth"]["noise"] in PLAIN and r["truth"]["causes"][0] not in MARKS]
     marks = [r for r in singles if r["truth"]["causes"][0] in MARKS]
-    apart = [r for r in singles if known is None or isolable(dict(known), r["truth"]["causes"][0], strength(r))]
+    apart = [r for r in singles if known is not None and isolable(dict(known), r["truth"]["causes"][0], strength(r))]
     strong = [r for r in singles if strength(r) >= STRONG]
     noises = sorted({r["truth"]["noise"] for r in nulls})
 
@@ -348,7 +348,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
         "detection": by_strength(plain, alarmed),
         "detection_marks": by_strength(marks, alarmed),
         "detection_all": by_strength(singles, alarmed),
-        "first_isolable": by_strength(apart, first_right),
+        "first_isolable": None if known is None else by_strength(apart, first_right),
         "first_all": by_strength(singles, first_right),
         "first_by_forms": {
             kind: rate(first_right(r) for r in strong if (r["truth"].get("recipes") or [False])[0] is recipe).as_dict()
@@ -364,7 +364,7 @@ def summary(records: Sequence[Record], known: Mapping[str, Any] | None = None) -
             g: {
                 "called_unknown": rate(map(calls_unknown, group[g])).as_dict(),
                 "wrongly_named": rate(
-                    any(c.get("probability", 1.0) > 0.8 for c in named(r)) for r in group[g]
+                    any(c.get("probability", 1.0) >= SURE for c in named(r)) for r in group[g]
                 ).as_dict(),
             }
             for g in ("unknown", "removed")

@@ -2,7 +2,8 @@
 
 A file in this package with ``LAWS``, a mapping of an effect's id to its laws, adds them; an effect without any is drawn
 from its own parameters alone. A law is a change of the prediction made from the prediction (:class:`Seen`), or of the
-scene, so that it costs little and shares nothing with the effect's own code. Each names its source.
+scene, so that it costs little and shares nothing with the effect's own code. Each names its
+source, or that it is assumed. How strong a drawn form is does not matter: a cause has its strength apart from its form.
 """
 
 from __future__ import annotations

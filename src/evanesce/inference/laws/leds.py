@@ -72,8 +72,8 @@ def drifting(seen: Seen, rng: np.random.Generator) -> Array:
 
 
 LAWS = {
-    "led_imbalance": (Law("plane", "temperature and cable fall evenly along a strip", rig=plane),) * 3
-    + (Law("strips", "strips fed one by one", rig=strips),) * 3,
+    "led_imbalance": (Law("plane", "assumed: temperature and cable fall evenly along a strip", rig=plane),) * 3
+    + (Law("strips", "assumed: strips fed one by one", rig=strips),) * 3,
     "led_spread": (Law("flux bins", "data sheets: flux bins of 10 to 20 %", rig=single),) * 6,
     "led_droop": tuple(
         Law(f"droop, power {n:g} of the voltage", "Verzellesi et al. 2013, J. Appl. Phys. 114, 071101",
@@ -81,7 +81,7 @@ LAWS = {
         for n in (2.0, 4.0, 8.0)
     ),
     "led_warmup": (
-        Law("one time constant", "lumped heat capacity", change=warming),
+        Law("one time constant", "Newton's law of cooling, one heat capacity", change=warming),
         Law("logarithm of time", "heat into a large sink: Carslaw and Jaeger, 10.4", change=drifting),
     ),
 }  # fmt: skip

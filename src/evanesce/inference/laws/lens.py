@@ -44,9 +44,13 @@ LAWS = {
     "vignetting": (
         Law("natural fall-off", "cos^4: Born and Wolf, Principles of Optics, 4.8.1", change=natural),
         Law("clipped pupil", "overlap of pupils: Asada, Amano, Baba 1996, ICPR, 186", change=clipped_pupil),
-        Law("hood", "shade of an edge before the lens, linear to first order", change=hood),
+        Law("hood", "assumed: shade of an edge before the lens, linear to first order", change=hood),
     ),
     "defocus": (
-        Law("curved field", "third-order curvature of field: blur as the field squared", change=blurred_corners),
+        Law(
+            "curved field",
+            "Seidel curvature of field, blur as the field squared: Born and Wolf, 5.3",
+            change=blurred_corners,
+        ),
     ),
 }

@@ -43,7 +43,7 @@ def knee(seen: Seen, rng: np.random.Generator) -> Array:
 LAWS = {
     "ambient_light": (
         Law("sloped", "Lambert's cosine law for a distant lamp, first order in place", change=even_light),
-        Law("window", "mirror image of an extended source", change=window),
+        Law("window", "assumed: mirror image of an extended source, a Gaussian", change=window),
     ),
     "tone_curve": (
         Law(
@@ -51,6 +51,6 @@ LAWS = {
             "empirical response curves: Grossberg and Nayar 2004, PAMI 26, 1272, first components",
             change=curve,
         ),
-        Law("knee", "highlight compression of broadcast cameras", change=knee),
+        Law("knee", "assumed: highlights compressed as by broadcast cameras", change=knee),
     ),
 }

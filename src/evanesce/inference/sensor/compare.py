@@ -20,7 +20,9 @@ ENTERED = 3.0
 FOLDS = 5
 """Stretches of each series of which each is held out in turn."""
 STEPS = 40
+"""Of Gauss and Newton at the most."""
 TIED_MOST = 0.95
+"""Correlation of neighbouring levels that is believed: one would leave a series of a single level."""
 LEAST_SCATTER = 1e-3
 """Relative scatter that is never undercut [1]: that of a variance over a million pixels."""
 

@@ -30,8 +30,11 @@ Array = NDArray[Any]
 Point = Mapping[str, float]
 
 FORCES_FOR_DEPTH = np.geomspace(0.02, 12.0, 14)
+"""Between which depth is interpolated [N]: beyond the forces of the thesis, 0.1 to 10 N, by ratios of 1.6."""
 DEFAULT_FORCE_N = 3.0
+"""At which a series was taken that does not say; in the middle of the thesis's."""
 KEPT, KEPT_LAWS = 400, 80
+"""Predictions, and laws of depth or sliding, that are kept: some rounds of a fit."""
 
 
 class SeriesPredictor:

@@ -232,7 +232,7 @@ def test_table_counts_what_was_judged_beside_target_and_old_figure(tmp_path: Pat
     assert "first answer right at 20, isolable" not in lines
     known = {"vignetting": {"nearest": "defocus", "sine2": 0.05}}  # 7^2 * 0.05 is less than 9, 20^2 * 0.05 more
     rows = [line for line in markdown(records, known).splitlines() if "isolable" in line]
-    assert [line for line in rows if "at 7," in line][0].split("|")[5].strip() == "no case"
+    assert next(line for line in rows if "at 7," in line).split("|")[5].strip() == "no case"
     assert "(0/1)" in next(line for line in rows if "at 20," in line)
     assert lines["rigs: held-out area error after over before, median"][3] == "yes"
     assert "(2/2)" in lines["matched-filters"][0]

@@ -15,7 +15,7 @@ from evanesce.core.errors import InputError
 from evanesce.effects import all_effects
 from evanesce.effects.inference_hints import saturating
 from evanesce.inference import judge
-from evanesce.inference.answer import verdict_of
+from evanesce.inference.answer import verdict_of, widened_covariance
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
@@ -34,7 +34,7 @@ from evanesce.inference.shapes import FormBank, Forms
 from evanesce.inference.single_effects import UNKNOWN, Place
 from evanesce.inference.unknown import told_fields, unknown_blocks
 from evanesce.prediction.candidates import Candidate
-from evanesce.prediction.linear import Metric
+from evanesce.prediction.linear import CovarianceRows, Metric
 from evanesce.prediction.noise import Noise
 from evanesce.prediction.parameters import Parameter
 from evanesce.prediction.point import natural
@@ -310,6 +310,33 @@ def test_fit_stays_in_bounds_and_counts_impossible_values_as_failed_steps(refuse
     assert -0.2 <= found.values[1] <= 0.2
     with pytest.raises(InputError, match=r"too much|not finite"):
         fit(model, lambda v, p, w: (rows, p), np.ones(3), prior, np.array([4.0, 0.0]), metric=none)
+
+
+def test_intervals_know_how_far_errors_of_form_move_a_fit():
+    """Fits by noise alone of data with drawn errors of form scatter as the widened covariance says, and by far more
+    than noise makes them."""
+    rng = np.random.default_rng(8)
+    rows = rng.standard_normal((3, 80))
+    tied = CovarianceRows(0.4 * rng.standard_normal((5, 80)) + 0.3 * rows[[0, 0, 1, 2, 2]])
+    prior, metric = loose(3), Metric.of(rng.standard_normal((2, 80)), np.ones(2))
+    nuisances = metric.rows
+
+    def fitted(data):
+        return fit(lambda v: v @ rows, lambda v, p, w: (rows, p), data, prior, np.zeros(3), metric=metric)
+
+    values = []
+    for _ in range(3000):
+        form = rng.standard_normal(len(tied)) @ tied.whole
+        data = form + rng.standard_normal(2) @ nuisances + rng.standard_normal(80)
+        values.append(fitted(data).values)
+    solution = fitted(np.zeros(80))
+    found = widened_covariance(SimpleNamespace(solution=solution, metric=metric), tied)
+    size = np.sqrt(found.diagonal())
+    # Of 3000 draws variances are good to 2.6 %, correlations to 0.02.
+    np.testing.assert_allclose(
+        np.cov(np.transpose(values)) / np.outer(size, size), found / np.outer(size, size), atol=0.1
+    )
+    assert np.all(found.diagonal() > 4.0 * solution.covariance.diagonal())
 
 
 def test_broyden_reproduces_the_step():

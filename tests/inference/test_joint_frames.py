@@ -22,7 +22,7 @@ from evanesce.inference.causes import causes_of
 from evanesce.inference.constants import CERTAIN
 from evanesce.inference.critic import criticise_frames
 from evanesce.inference.data import data_vector
-from evanesce.inference.gate import _board_lines
+from evanesce.inference.gate import _board_lines, gate_of
 from evanesce.inference.laws import all_laws
 from evanesce.inference.model import AnchoredModel
 from evanesce.inference.next_shot import doubtful, next_shot
@@ -383,6 +383,34 @@ def test_a_board_of_other_squares_is_another_rig(tiny, believed, gross):
     lines = _board_lines(shown, Predictor(shown.scene, [view]))
     counts = {line.measured: line.gross for line in lines if "squares" in line.name}
     assert counts == {8.0: gross, 6.0: gross}
+
+
+@pytest.mark.parametrize(("wider", "gross"), [(1.02, False), (1.09, True), (0.92, True)])
+def test_another_field_of_view_is_another_rig(tiny, wider, gross):
+    """A lens that sees more or less of the plate than stated; what its board shows is the true one."""
+    observation = observe(read_bundle(tiny))
+    view = replace(observation.views[0], kind="checkerboard", force_N=None)
+    sizes = {"checkerboard_squares": (8, 6), "checkerboard_side_mm": 1.6}
+    believed = observation.scene.model_copy(update={"card": observation.scene.card.model_copy(update=sizes)})
+    scale = believed.camera.scale_px_per_mm / wider
+    real = believed.model_copy(update={"camera": believed.camera.model_copy(update={"scale_px_per_mm": scale})})
+    shown = replace(observation, scene=believed, views=(view,), images=Predictor(real, [view]).image({}, 0)[None])
+    (line,) = (one for one in _board_lines(shown, Predictor(believed, [view])) if one.name == "field of view")
+    assert line.gross is gross
+    assert line.measured / line.predicted == pytest.approx(wider, rel=0.005)
+
+
+@pytest.mark.parametrize("level", [0.0, 12.0])
+def test_frames_without_a_contact_are_told_before_anything_is_fitted(tiny, level):
+    """Frames of one level where the scene has a finger at 5 N: a shutter that was shut, LEDs that were off."""
+    observation = observe(read_bundle(tiny))
+    images = np.where(np.array([v.touches for v in observation.views])[:, None, None], level, observation.images)
+    blank = replace(observation, images=images.astype(np.float32))
+    gate = gate_of(blank, AnchoredModel(observation, data_vector(observation)).coarse)
+    (line,) = (one for one in gate.lines if one.gross)
+    assert line.name == "frames that show a contact"
+    assert line.measured == 0.0
+    assert line.predicted >= 1.0
 
 
 def test_an_inverted_board_is_black_where_the_other_is_white():

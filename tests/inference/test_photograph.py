@@ -146,7 +146,7 @@ def test_defocus_towards_the_corners_and_uneven_light_are_found() -> None:
 
 @pytest.mark.slow
 @pytest.mark.xfail(
-    reason="four false causes of smooth light were taken (1.2, 0.6, 0.3, 0.5 % of the misfit); why is open"
+    strict=True, reason="four false causes of smooth light were taken (1.2, 0.6, 0.3, 0.5 % of the misfit); why is open"
 )
 def test_specks_alone_are_found_alone() -> None:
     _, result = judged(shot(specks=350.0))

@@ -17,7 +17,7 @@ class Criticism:
     Attributes
     ----------
     result : mapping
-        JSON-able; its keys stand in docs/criticism/index.md.
+        JSON-able; its keys stand in docs/reference/criticism-json.md.
     scene : str
         The nominal scene with the causes at their fitted values, as TOML text.
     pictures : object
@@ -65,7 +65,11 @@ class Criticism:
 
 
 def criticise(
-    bundle: Bundle | str | Path, *, seed: int = 0, tick: Callable[[str], None] = lambda step: None
+    bundle: Bundle | str | Path,
+    *,
+    seed: int = 0,
+    tick: Callable[[str], None] = lambda step: None,
+    workers: int = 1,
 ) -> Criticism:
     """Find what the nominal model of a rig gets wrong about a lab's measurement.
 
@@ -77,6 +81,9 @@ def criticise(
         Of the draws of noise and of the bootstrap.
     tick : callable
         ``tick(step)``, called when a step begins; with frames the whole takes minutes.
+    workers : int
+        Processes that share the work on frames. More than one import the calling script anew: it has to keep what it
+        does under ``if __name__ == "__main__"``.
 
     Returns
     -------
@@ -86,6 +93,8 @@ def criticise(
     ------
     InputError
         If the bundle is broken, with the exact location.
+    GrossDifference
+        If the frames are another rig's (:mod:`evanesce.inference.gate`).
 
     Examples
     --------
@@ -98,6 +107,8 @@ def criticise(
 
     if not isinstance(bundle, Bundle):
         bundle = read_bundle(bundle)
-    run = criticise_frames if bundle.has_frames else criticise_series
-    found = run(bundle, seed=seed, tell=tick)
-    return Criticism(result=found.result, scene=found.scene, pictures=found.pictures)
+    if bundle.has_frames:
+        frames = criticise_frames(bundle, seed=seed, tell=tick, workers=workers)
+        return Criticism(result=frames.result, scene=frames.scene, pictures=frames.pictures)
+    series = criticise_series(bundle, seed=seed, tell=tick)
+    return Criticism(result=series.result, scene=series.scene, pictures=series.pictures)

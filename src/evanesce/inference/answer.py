@@ -293,7 +293,7 @@ def answer(
     Returns
     -------
     result : dict
-        See docs/criticism/index.md.
+        See docs/reference/criticism-json.md.
     scene : str
     """
     noise = float(fitted.residual.size)

@@ -221,7 +221,7 @@ class Criticism:
     Attributes
     ----------
     result : dict
-        See docs/criticism/index.md.
+        See docs/reference/criticism-json.md.
     scene : str
         The extended scene as TOML.
     pictures : Pictures

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -245,3 +246,13 @@ def test_table_counts_what_was_judged_beside_target_and_old_figure(tmp_path: Pat
 def test_picture_is_drawn(tmp_path: Path) -> None:
     picture([r for r in some() if "answer" in r], None, tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 20_000
+
+
+def test_kept_tables_are_those_of_kept_runs() -> None:
+    """What docs/criticism/challenge.md shows is what its command prints."""
+    runs = Path(__file__).parents[2] / "docs" / "criticism" / "runs"
+    page = (runs.parent / "challenge.md").read_text(encoding="utf-8")
+    shown = re.findall(r"{include} runs/(scored-\w+)\.txt", page)
+    assert shown
+    for name in shown:
+        assert markdown(read([runs / f"{name}.jsonl.gz"]), None) == (runs / f"{name}.txt").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ what the data's standard deviations count as unknown.
 
 The second table is of derivatives, by which causes are told apart: of a small change of each cause by fine pixels, what
 the light and the load of single views do not make up for, the share (a squared cosine) that the critic's derivative
-holds, and by how much it seems larger than it is for what derivatives by load do not hold. A cause at the limit of what
-can be seen is seen by the first.
+holds, and by how much it seems larger than it is for what derivatives by load do not hold. Kept is its norm over the
+data's standard deviations by that over noise alone.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def one_view(model: AnchoredModel, noise: np.ndarray, k: int, point: dict[str, f
     return found | {"counted as unknown": whitened(step_sd(data.cube)[k], noise[k], data.valid[k])}
 
 
-def derivatives(model: AnchoredModel, causes: Sequence[str]) -> list[tuple[str, dict[str, float]]]:
+def derivatives(model: AnchoredModel, noise: np.ndarray, causes: Sequence[str]) -> list[tuple[str, dict[str, float]]]:
     """Return for each cause how much of its change by fine pixels the critic's derivatives hold."""
     data, found = model.data, []
     nuisances = [p for p in model.nuisances() if p.linear or p.name.startswith("@pose")]
@@ -109,7 +109,8 @@ def derivatives(model: AnchoredModel, causes: Sequence[str]) -> list[tuple[str, 
         left = float(true @ quick.project(true))
         share = float(true @ quick.project(own)) ** 2 / left / float(own @ quick.project(own))
         larger = float(np.sqrt(left / float(true @ exact.project(true))))
-        found.append((amplitude.name, {"share": share, "seems larger": larger}))
+        kept = np.linalg.norm(true) / np.linalg.norm(data.unwhitened(true) / noise[list(data.open)])
+        found.append((amplitude.name, {"share": share, "seems larger": larger, "kept": float(kept)}))
     return found
 
 
@@ -146,7 +147,7 @@ def main() -> None:
                 name = f"{view.kind} {view.force_N or 0:g} N {view.voltage_V:g} V" + (f", {moved} mm" if moved else "")
                 rows.append((name, one_view(model, noise, k, point)))
                 print(table(rows[-1:]), flush=True)
-        slopes = derivatives(model, CAUSES)
+        slopes = derivatives(model, noise, CAUSES)
     print("\n" + table(rows) + "\n\n" + table(slopes))
     if target is not None:
         target.write_text(json.dumps({"pixels": dict(rows), "derivatives": dict(slopes)}, indent=1), encoding="utf-8")

@@ -109,7 +109,8 @@ def derivatives(model: AnchoredModel, noise: np.ndarray, causes: Sequence[str]) 
         left = float(true @ quick.project(true))
         share = float(true @ quick.project(own)) ** 2 / left / float(own @ quick.project(own))
         larger = float(np.sqrt(left / float(true @ exact.project(true))))
-        kept = np.linalg.norm(true) / np.linalg.norm(data.unwhitened(true) / noise[list(data.open)])
+        larger_sd = (data.sd / noise)[list(data.open)]
+        kept = np.linalg.norm(true) / np.linalg.norm(data.unwhitened(true) * larger_sd)
         found.append((amplitude.name, {"share": share, "seems larger": larger, "kept": float(kept)}))
     return found
 

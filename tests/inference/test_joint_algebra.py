@@ -15,7 +15,7 @@ from evanesce.core.errors import InputError
 from evanesce.effects import all_effects
 from evanesce.effects.inference_hints import saturating
 from evanesce.inference import judge
-from evanesce.inference.answer import verdict_of, widened_covariance
+from evanesce.inference.answer import verdict_of
 from evanesce.inference.causes import Cause, Entry
 from evanesce.inference.data import DataVector
 from evanesce.inference.discrepancy import Discrepancy, cosines, tied_rows
@@ -27,6 +27,7 @@ from evanesce.inference.judge import Judge
 from evanesce.inference.listing import placed
 from evanesce.inference.model import cube_by_cube, one_by_one
 from evanesce.inference.moves import GAVE_WAY
+from evanesce.inference.named import widened_covariance
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised, loss_of, removal
 from evanesce.inference.search import Search

@@ -7,6 +7,8 @@ critic knows neither light nor focus, finds the geometry from corners with error
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from scipy.special import erf
 from evanesce.chain.simulate import expose as take
 from evanesce.evaluation.board_geometry import SENSOR_WIDTH_UM, FittedRig, PrintedBoard
 from evanesce.inference.answer import verdict_of
-from evanesce.inference.photograph.answer import answer, t_scale
+from evanesce.inference.photograph.answer import answer, first_line, t_scale
 from evanesce.inference.photograph.critic import Bench, PhotoCriticism, criticise_photograph, judged_views
 from evanesce.inference.photograph.light import LightModel, edge_kernel
 from evanesce.inference.photograph.model import PhotoFitter, clipped_sd, local_residual
@@ -321,3 +323,12 @@ def test_noise_of_a_corner_is_that_of_the_best_estimator() -> None:
     fit = SaddleFit(np.zeros((1, 2)), np.full((1, 2), sigma), 0 * ones, a * ones, 0 * ones, np.eye(2)[None], ones, ones)
     found = corner_noise(fit, pitch * np.eye(2)[None], noise)
     assert found == pytest.approx(noise / np.sqrt(information), rel=0.01)
+
+
+@pytest.mark.parametrize(("score", "warned"), [(-3.0, True), (3.0, False)])
+def test_a_loss_on_held_out_blocks_is_said_first(score: float, warned: bool) -> None:
+    found: Any = SimpleNamespace(left=SimpleNamespace(found=False))
+    gain = {"log_score": [score, score - 1, score + 1], "rms_DN": [2.0, 1.9]}
+    line = first_line("causes", [{"told": "defocus"}], 0.5, found, gain)
+    assert line.startswith("CAUTION: the extension predicts held-out blocks worse. 1 cause") is warned
+    assert "defocus" in line

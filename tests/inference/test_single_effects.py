@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from evanesce.inference.answer import Named, first_line, verdict_of, warnings_of
+from evanesce.inference.answer import first_line, verdict_of, warnings_of
 from evanesce.inference.consequence import Consequence
 from evanesce.inference.constants import STRENGTHS
 from evanesce.inference.data import DataVector
 from evanesce.inference.gate import Gate, _contact_lines
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
+from evanesce.inference.named import Named
 from evanesce.inference.patch import Patch
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.power import expected_power

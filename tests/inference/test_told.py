@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from evanesce.inference import answer
-from evanesce.inference.answer import Named, first_line, nearest_to_unknown
+from evanesce.inference import named as named_module
+from evanesce.inference.answer import first_line, nearest_to_unknown
 from evanesce.inference.consequence import Consequence, nearest
 from evanesce.inference.gain import HeldOut
+from evanesce.inference.named import Named
 from evanesce.inference.naming import label_of
 from evanesce.inference.page import _causes, cause_figure
 from evanesce.inference.posterior import Posterior
@@ -88,7 +89,7 @@ def test_the_nearest_cause_is_that_of_the_largest_correlation_of_any_parameters(
 
 
 def paired(found: list[Named], near: dict[str, str], both: float) -> list[Named]:
-    return answer._paired(found, lambda name: near.get(name, ""), lambda *names: moving(both))
+    return named_module._paired(found, lambda name: near.get(name, ""), lambda *names: moving(both))
 
 
 def test_causes_that_make_up_for_each_other_are_told_once_and_together() -> None:

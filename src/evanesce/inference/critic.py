@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from evanesce.bundle.bundle import Bundle
-from evanesce.inference.answer import answer, lacking_each, named_causes
+from evanesce.inference.answer import answer
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import AreaReader
 from evanesce.inference.constants import CERTAIN
@@ -24,6 +24,7 @@ from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
 from evanesce.inference.left import left_of
 from evanesce.inference.marks import MarkSearch
+from evanesce.inference.named import lacking_each, named_causes
 from evanesce.inference.next_shot import doubtful, next_shot
 from evanesce.inference.pictures import Pictures, pictures_of
 from evanesce.inference.posterior import DEFECTS, Posterior

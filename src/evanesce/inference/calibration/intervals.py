@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from evanesce.inference.answer import scaled
 from evanesce.inference.joint_fit import JointFit
+from evanesce.inference.named import scaled
 from evanesce.prediction.linear import CovarianceRows
 from evanesce.prediction.parameters import Parameter
 

@@ -11,9 +11,10 @@ from scipy import stats
 
 from evanesce.core.rng import generator
 from evanesce.effects import all_effects
-from evanesce.inference.answer import scaled, unfitted, verdict_of, warnings_of, widened_covariance
+from evanesce.inference.answer import unfitted, verdict_of, warnings_of
 from evanesce.inference.consequence import NINETY
 from evanesce.inference.gate import VERSION
+from evanesce.inference.named import scaled, widened_covariance
 from evanesce.inference.naming import told_of
 from evanesce.inference.photograph.causes import ABSORBED
 from evanesce.inference.photograph.critic import PhotoCriticism

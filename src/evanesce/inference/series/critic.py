@@ -15,7 +15,7 @@ from evanesce.bundle.bundle import Bundle
 from evanesce.bundle.layout import Series
 from evanesce.core.errors import InputError
 from evanesce.core.rng import generator
-from evanesce.inference.answer import answer, lacking_each, named_causes, scaled, widened_covariance
+from evanesce.inference.answer import answer
 from evanesce.inference.causes import Cause, causes_of
 from evanesce.inference.consequence import NINETY, AreaReader
 from evanesce.inference.constants import CERTAIN, FAR, LEFT
@@ -24,6 +24,7 @@ from evanesce.inference.gate import Gate
 from evanesce.inference.joint import Fitter
 from evanesce.inference.joint_fit import JointFit
 from evanesce.inference.judge import Judge
+from evanesce.inference.named import lacking_each, named_causes, scaled, widened_covariance
 from evanesce.inference.next_shot import advice_of, doubtful, entropy, entropy_left, rivals
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.removal import everything_marginalised

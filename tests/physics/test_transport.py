@@ -42,7 +42,7 @@ from evanesce.render.fast.sampling import view_rays
 from evanesce.render.fast.transport import render_fast
 from evanesce.render.kept import forget
 from evanesce.render.reference.scene import interface_maps
-from evanesce.rig import Scene
+from evanesce.rig import Scene, load_scene
 from support.rigs import hard_contact, small_rig
 
 
@@ -565,6 +565,22 @@ def test_the_flank_s_light_grows_without_steps(scene: Scene, fields: Fields) -> 
     for force in forces:
         state = contact_state(scene, float(force))
         patch = patch_light(fields, state, 1)
-        seen.append(flank_image(scene, fields.flank, state, patch.taken, view))
+        seen.append(flank_image(scene, fields.flank, state, patch.taken, view, step=4))
     steps = np.array([np.abs(b - a).sum() for a, b in itertools.pairwise(seen)])
     assert steps.max() < 1.6 * np.median(steps)
+
+
+def test_few_pixels_show_the_flank_as_many_do() -> None:
+    """Rationale: every fourth of 12 pixels per mm was looked up; the outline's light was off by 1 % of the peak."""
+    few = {"camera.resolution_px": [400, 300], "camera.scale_px_per_mm": 11.674, "camera.pixel.pitch_um": 15.5}
+    scene = load_scene("thesis", few)
+    view = Projection.of(scene.camera, scene.plate).ideal_view()
+    state = contact_state(scene, 2.0)
+    finer = render_fast(scene, state, view=view.finer(4), step=1).radiance
+    true = finer.reshape(view.shape[0], 4, view.shape[1], 4).mean(axis=(1, 3))
+
+    def off(step: int | None) -> float:
+        found = render_fast(scene, state, view=view, step=step).radiance
+        return float(np.sqrt(np.mean((found - true) ** 2)) / true.max())
+
+    assert off(None) < 2.5e-4 < 0.5 * off(4)

@@ -252,7 +252,7 @@ class FastCamera:
         mm = rounded_approach(self.scene, state)
         view = self._flank.get(mm)
         if view is None:
-            view = FlankView.of(self.scene, fields.flank, mm, optics.flank_direction, optics.flank_e)
+            view = FlankView.of(self.scene, fields.flank, mm, optics.flank_direction, optics.flank_e, optics.flank_step)
             self._flank[mm] = view
         return (view.first_row, view.first_col), view.mean_charge(taken)
 

@@ -13,7 +13,7 @@ from evanesce.core.states import PlateGrid
 from evanesce.optics.projection import Projection
 from evanesce.render.fast.feedback import CoarseGrid
 from evanesce.render.fast.fields import Fields, fields_of
-from evanesce.render.fast.flank_table import VIEW_STEP
+from evanesce.render.fast.flank_table import flank_step
 from evanesce.render.fast.patch import field_image, refinement
 from evanesce.render.fast.readout import Readout
 from evanesce.render.fast.sampling import BLOCK, Maps, block_means, spread_blocks
@@ -90,7 +90,7 @@ class Optics:
         Mean charge in full contact without feedback [e-].
     charge : ndarray (rows, cols)
         Charge per radiance [e- mm^2 sr/W].
-    flank_e : ndarray (rows / VIEW_STEP, cols / VIEW_STEP)
+    flank_e : ndarray (rows / flank_step, cols / flank_step)
         Its mean over blocks.
     direct : tuple
         Maps from each pixel to the grid that is read.
@@ -117,7 +117,9 @@ class Optics:
         Coupling by gap over that of contact.
     coarse : CoarseGrid
     flank_direction : tuple of ndarray
-        Undistorted direction (u, v, 1) of the centres of blocks of ``VIEW_STEP``.
+        Undistorted direction (u, v, 1) of the centres of blocks of ``flank_step``.
+    flank_step : int
+        [px].
     """
 
     contact_e: Image
@@ -137,6 +139,7 @@ class Optics:
     decay: Image
     coarse: CoarseGrid
     flank_direction: tuple[Array, Array]
+    flank_step: int
 
 
 def pixel_variance(sub_samples: int) -> float:
@@ -265,6 +268,7 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
     charge = lens.gain * (charge_per_irradiance(scene) * len(lens.maps))
     padded = np.pad(charge, ((0, high - rows), (0, wide - cols)), mode="edge").astype(np.float32)
     coarse = CoarseGrid.of(fields, grid)
+    step = min(flank_step(scene.camera.scale_px_per_mm), BLOCK)
 
     def onto(coarser: tuple[float, float], step: int) -> Maps:
         # On a grid whose samples are ``coarser`` times as large along x and y, from the centres of blocks.
@@ -276,7 +280,7 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
     return Optics(
         contact_e=_contact_charge(fields, direct, first, pitch, padded),
         charge=padded,
-        flank_e=block_means(padded, VIEW_STEP),
+        flank_e=block_means(padded, step),
         direct=direct,
         ghost=(block_means(ghost[0], GHOST_STEP), block_means(ghost[1], GHOST_STEP)),
         cover=onto((read, read), COVER_STEP),
@@ -291,9 +295,10 @@ def prepare(scene: Scene, grid: PlateGrid) -> Optics:
         decay=_decay(fields),
         coarse=coarse,
         flank_direction=(
-            block_means(direction[0], VIEW_STEP).astype(float),
-            block_means(direction[1], VIEW_STEP).astype(float),
+            block_means(direction[0], step).astype(float),
+            block_means(direction[1], step).astype(float),
         ),
+        flank_step=step,
     )
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from evanesce.chain.fast_optics import charge_per_irradiance
 from evanesce.core.states import ContactState, PlateLight
 from evanesce.optics.projection import Projection
-from evanesce.render.fast.flank_table import flank_cover, rounded_approach
+from evanesce.render.fast.flank_table import flank_cover, flank_step, rounded_approach
 from evanesce.render.fast.surroundings import surroundings_on_flank, surroundings_view
 from evanesce.rig import Scene
 from evanesce.sensor.lens import form_image
@@ -64,8 +64,9 @@ class Beside:
         around = surroundings_view(scene, view, finger=state is not None)
         hidden = around.top + around.backdrop
         if state is not None:
-            cover = flank_cover(scene, state, view)
-            hidden = around.top + (1.0 - cover) * around.backdrop + surroundings_on_flank(scene, state, view)
+            step = flank_step(scene.camera.scale_px_per_mm)
+            cover = flank_cover(scene, state, view, step=step)
+            hidden = around.top + (1.0 - cover) * around.backdrop + surroundings_on_flank(scene, state, view, step)
 
         def charge(radiance: Image, *, blurred: bool) -> Image:
             light = PlateLight(

@@ -18,20 +18,22 @@ from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
 
 
-def render_moved(rig: Scene, state: ContactState, shift_mm: tuple[float, float], finer: int = 1) -> PlateLight:
+def render_moved(
+    rig: Scene, state: ContactState, shift_mm: tuple[float, float], finer: int = 1, step: int | None = None
+) -> PlateLight:
     """Render a contact beside its believed place; the guided light of the plate is the believed place's own field.
 
     The field is smooth and known over the whole contact grid; a new one would cost seconds for each place.
     """
     view = finer_view(rig, finer)
     if not any(shift_mm):
-        return render_fast(rig, state, view=view)
+        return render_fast(rig, state, view=view, step=step)
     dx, dy = shift_mm
     grid = state.grid
     moved_state = replace(state, grid=replace(grid, centre=(grid.centre[0] + dx, grid.centre[1] + dy)))
     x, y = rig.finger.position_mm
     moved = rig.model_copy(update={"finger": rig.finger.model_copy(update={"position_mm": (x + dx, y + dy)})})
-    return render_fast(moved, moved_state, view=view, fields=fields_of(rig))
+    return render_fast(moved, moved_state, view=view, fields=fields_of(rig), step=step)
 
 
 def finer_view(rig: Scene, finer: int) -> IdealView:

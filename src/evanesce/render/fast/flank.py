@@ -23,7 +23,6 @@ from evanesce.optics.path_sums import MOMENTS
 from evanesce.optics.projection import IdealView
 from evanesce.render.fast.flank_table import (
     APPROACHES,
-    VIEW_STEP,
     positions,
     table_points,
     table_position,
@@ -198,7 +197,7 @@ def _closed_table(table: Array) -> Image:
 
 
 def flank_image(
-    scene: Scene, light: FlankLight, state: ContactState, taken: Array, view: IdealView, *, step: int = VIEW_STEP
+    scene: Scene, light: FlankLight, state: ContactState, taken: Array, view: IdealView, *, step: int
 ) -> Image:
     """Return the radiance of the finger's flank on a view; smooth, so that every ``step``-th pixel is enough.
 
@@ -232,14 +231,16 @@ class FlankView:
     ----------
     first_row, first_col : int
         Pixel at which the next three start.
-    column, row : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
+    column, row : ndarray of float32 (rows / step, cols / step)
         Position in the flank's table that each block sees.
-    charge : ndarray of float32 (rows / VIEW_STEP, cols / VIEW_STEP)
+    charge : ndarray of float32 (rows / step, cols / step)
         Mean charge per radiance, 0 where no flank is seen [e- mm^2 sr/W].
     lit : ndarray (stations, azimuths)
         Radiance by light from beside the finger [W mm^-2 sr^-1].
     per_taken : ndarray (stations, azimuths, points)
         Radiance per power that the contact takes in at each node [mm^-2 sr^-1].
+    step : int
+        Side of a block [px].
     """
 
     first_row: int
@@ -249,11 +250,13 @@ class FlankView:
     charge: Image
     lit: Array
     per_taken: Array
+    step: int
 
     @classmethod
     def of(
-        cls, scene: Scene, light: FlankLight, approach_mm: float, direction: tuple[Array, Array], charge: Image
-    ) -> FlankView:
+        cls, scene: Scene, light: FlankLight, approach_mm: float, direction: tuple[Array, Array], charge: Image,
+        step: int,
+    ) -> FlankView:  # fmt: skip
         """Find the flank in the frame.
 
         Parameters
@@ -263,23 +266,25 @@ class FlankView:
         approach_mm : float
             Of the finger [mm].
         direction : tuple of ndarray
-            Undistorted direction (u, v, 1) of the centre of each block of ``VIEW_STEP`` pixels of the frame.
+            Undistorted direction (u, v, 1) of the centre of each block of the frame.
         charge : ndarray
             Mean charge per radiance of the blocks [e- mm^2 sr/W].
+        step : int
+            Side of a block, which divides ``BLOCK`` [px].
         """
         tables = light.at(approach_mm)
         column, row, seen = table_position(scene, *direction, approach_mm)
         charge = charge * seen
         rows, cols = np.nonzero(seen.any(axis=1))[0], np.nonzero(seen.any(axis=0))[0]
         if rows.size == 0:
-            return cls(0, 0, column[:2, :2], row[:2, :2], charge[:2, :2] * 0, *tables)
+            return cls(0, 0, column[:2, :2], row[:2, :2], charge[:2, :2] * 0, *tables, step)
         # Whole blocks of the frame, and one sample more on each side.
-        per = BLOCK // VIEW_STEP
+        per = BLOCK // step
         low = [max(0, n[0] - 1) // per * per for n in (rows, cols)]
         high = [min(-(-(n[-1] + 2) // per) * per, size) for n, size in zip((rows, cols), seen.shape, strict=True)]
         part = np.s_[low[0] : high[0], low[1] : high[1]]
         column, row, charge = (np.ascontiguousarray(a[part], np.float32) for a in (column, row, charge))
-        return cls(low[0] * VIEW_STEP, low[1] * VIEW_STEP, column, row, charge, *tables)
+        return cls(low[0] * step, low[1] * step, column, row, charge, *tables, step)
 
     def relit(self, light: FlankLight, approach_mm: float) -> FlankView:
         """Return the same view in the light of other LED powers."""
@@ -289,4 +294,4 @@ class FlankView:
     def mean_charge(self, taken: Array) -> Image:
         """Return the flank's mean charge at all pixels of the view, for the power that the contact takes in [e-]."""
         table = _closed_table(self.lit + self.per_taken @ taken)
-        return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, VIEW_STEP)
+        return spread_blocks(cv2.remap(table, self.column, self.row, cv2.INTER_LINEAR) * self.charge, self.step)

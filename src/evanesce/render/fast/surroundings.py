@@ -51,7 +51,7 @@ WHOLE_STEP = 5.0
 # --- the finger's flank ----------------------------------------------------------------------------------------------
 
 
-def surroundings_on_flank(scene: Scene, state: ContactState, view: IdealView) -> Image:
+def surroundings_on_flank(scene: Scene, state: ContactState, view: IdealView, step: int) -> Image:
     """Return the radiance towards the lens of the flank in the light of spill and haze [W mm^-2 sr^-1], (rows, cols).
 
     Seen through bare glass, diffuse; its own light that the plate mirrors back to it included. Tables by ring and
@@ -62,18 +62,20 @@ def surroundings_on_flank(scene: Scene, state: ContactState, view: IdealView) ->
     scene : Scene
     state : ContactState
     view : IdealView
+    step : int
+        Every so many pixels of the view are computed.
     """
     light = edge_light(scene)
     coarse: Any = 0.0
-    for depth, weight, (column, row, seen) in positions(scene, state, view, STEP):
+    for depth, weight, (column, row, seen) in positions(scene, state, view, step):
         finger = pressed_finger(scene, depth)
         table = flank_irradiance_around(scene, finger, stacked_radiances(light)).astype(np.float32)
         table = np.concatenate([table, table[:, :1]], axis=1)
         station = np.interp(row, np.arange(STATIONS.size), STATIONS)
         ring = np.interp(station, finger.stations(), np.arange(len(table))).astype(np.float32)
         coarse = coarse + weight * (cv2.remap(table, column, ring, cv2.INTER_LINEAR) * seen)
-    through = _window(scene, view) * (scene.finger.diffuse_reflectance / np.pi)
-    return enlarged(np.asarray(coarse * through, np.float32), STEP, view.shape)
+    through = np.asarray(_window(scene, view) * (scene.finger.diffuse_reflectance / np.pi), np.float32)
+    return enlarged(np.asarray(coarse, np.float32), step, view.shape) * enlarged(through, STEP, view.shape)
 
 
 def pressed_finger(scene: Scene, depth: float) -> PressedFinger:

@@ -23,7 +23,7 @@ from evanesce.optics.liquid import lit_contact
 from evanesce.optics.projection import IdealView, Projection
 from evanesce.render.fast.fields import Fields, fields_of
 from evanesce.render.fast.flank import flank_image
-from evanesce.render.fast.flank_table import flank_cover
+from evanesce.render.fast.flank_table import flank_cover, flank_step
 from evanesce.render.fast.patch import PatchLight, patch_light, refinement
 from evanesce.render.fast.rig_optics import sight_digest
 from evanesce.render.fast.sampling import Maps, view_rays
@@ -47,6 +47,7 @@ def render_fast(
     seed: int = 0,
     view: IdealView | None = None,
     fields: Fields | None = None,
+    step: int | None = None,
 ) -> PlateLight:
     """Render a contact state by transport; interchangeable with :func:`evanesce.render.reference.path.render`.
 
@@ -61,6 +62,8 @@ def render_fast(
         Pinhole grid; the one that covers the frame by default.
     fields : Fields, optional
         The scene's own by default; those of a finger nearby save seconds after a small shift.
+    step : int, optional
+        Every so many pixels of the view it is looked what they see of the finger's flank.
 
     Returns
     -------
@@ -69,6 +72,7 @@ def render_fast(
     """
     projection = Projection.of(scene.camera, scene.plate)
     view = projection.ideal_view() if view is None else view
+    step = flank_step(scene.camera.scale_px_per_mm * view.focal_px / projection.focal_px) if step is None else step
     seen, bare = np.zeros(view.shape, np.float32), np.ones((), np.float32)
     if state is not None:
         state = lit_contact(scene, state)
@@ -87,14 +91,15 @@ def render_fast(
         seen = reflected(patch.radiance, 1)
         # In place: a finer view's images take longest to allocate.
         seen *= np.float32(fields.ghost)
-        seen += flank_image(scene, fields.flank, state, taken, view)
+        seen += flank_image(scene, fields.flank, state, taken, view, step=step)
         seen *= bare
         seen += direct(patch.radiance, 1)
     if scene.surroundings is not None:
         beside = surroundings_view(scene, view, finger=state is not None)
         behind = beside.backdrop
         if state is not None:
-            behind = (1.0 - flank_cover(scene, state, view)) * behind + surroundings_on_flank(scene, state, view)
+            behind = (1.0 - flank_cover(scene, state, view, step=step)) * behind
+            behind += surroundings_on_flank(scene, state, view, step)
         seen += bare * (beside.top + behind) + beside.bottom
     return PlateLight(
         radiance=seen,

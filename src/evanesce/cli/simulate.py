@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
         The bundle includes the scene that made it. See docs/reference/bundle.md.
         """
         from evanesce.bundle import read_bundle
-        from evanesce.bundle.write import write_bundle
+        from evanesce.bundle.write import fine_enough, write_bundle
         from evanesce.contact.slide import slide_warnings
         from evanesce.core import provenance
         from evanesce.effects import active_effects
@@ -54,11 +54,12 @@ def register(app: typer.Typer) -> None:
         active_effects(loaded, scene_path(scene))
         show_warnings(slide_warnings(loaded))
         render, card, record = _renderers(fast, variant, spp)
+        finer = max(coarser, fine_enough(loaded)) if fast else 1
         origin = provenance.record(seed=seed, config=loaded.as_dict(), **record)
         with progress() as bar:
             task = bar.add_task("frames", total=None)
             write_bundle(
-                bundle, loaded, seed=seed, render=render, card=card, provenance=origin, finer=coarser if fast else 1,
+                bundle, loaded, seed=seed, render=render, card=card, provenance=origin, finer=finer,
                 tick=lambda done, total: bar.update(task, completed=done, total=total),
             )  # fmt: skip
         found = read_bundle(bundle, decode=False)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from evanesce.prediction.fine import FineFrames, FinePredictor, placed
 from evanesce.prediction.observe import model_factor, model_scene
-from evanesce.prediction.predict import Predictor
+from evanesce.prediction.predict import CONTACT_PX, Predictor
 from evanesce.prediction.views import View
 from evanesce.rig import Scene, load_scene
 
@@ -18,14 +20,14 @@ VIEWS = (
 )
 
 
-def coarse() -> Scene:
-    """The thesis's rig on 160 x 120 pixels, finger and focus off the middle."""
+def coarse(cols: int = 160) -> Scene:
+    """The thesis's rig on few pixels, finger and focus off the middle."""
     return load_scene(
         "thesis",
         {
-            "camera.resolution_px": [160, 120],
-            "camera.scale_px_per_mm": 58.37 / 12.5,
-            "camera.pixel.pitch_um": 38.75,
+            "camera.resolution_px": [cols, cols * 3 // 4],
+            "camera.scale_px_per_mm": 58.37 * cols / 2000,
+            "camera.pixel.pitch_um": 6200 / cols,
             "camera.lens.defocus_um": 210.0,
             "finger.position_mm": [1.3, -0.7],
             "grid.samples": 512,
@@ -74,3 +76,39 @@ def test_a_finger_beside_its_place_is_the_rig_with_the_finger_there(scene: Scene
     there = FinePredictor(placed(scene, (0.34, -0.12)), VIEWS, 1).cube({})
     # The guided light of a plate changes by some 1e-4 over the 40 um between the two places.
     np.testing.assert_allclose(found, there, rtol=2e-3, atol=0.15)
+
+
+def test_a_length_in_pixels_is_the_cameras_own_where_its_light_is_gathered_by_smaller_ones(scene: Scene) -> None:
+    """Rationale: a centre 30 px off the middle lay 15 px off it where pixels were halved."""
+    beside = {"vignetting:k": 0.4, "vignetting:centre_offset_px[0]": 30.0}
+    models = [Predictor(model_scene(scene), VIEWS[:2], before=before, finer=2) for before in (1, 2)]
+    plain, shaded = (np.array([m.cube(point) for m in models]) for point in ({}, beside))
+    lit = plain[0] > 0.2 * plain.max()
+    falls = shaded / plain
+    np.testing.assert_allclose(falls[1][lit], falls[0][lit], rtol=0.004)
+    assert np.abs(falls[0][lit] - 1.0).max() > 0.03
+
+
+@pytest.mark.slow  # 15 s
+@pytest.mark.parametrize(("name", "step"), [("modulus:relative", 0.02), ("bone_stiffening:per_N", 0.01)])
+def test_smaller_pixels_of_a_contact_bring_its_derivative_nearer_the_fine_models(name: str, step: float) -> None:
+    """What a cause's change holds that the finger's place and light do not has the fine model's form."""
+    scene = coarse(400)
+    models = [Predictor(model_scene(scene), VIEWS[:2], before=n, finer=n) for n in (1, CONTACT_PX)]
+
+    def fine(point: dict[str, float]) -> np.ndarray:
+        return np.asarray(FineFrames(scene, VIEWS[:2], model_factor(scene), point, fine_px=4).cube())
+
+    def beside(cube: Callable[[dict[str, float]], np.ndarray]) -> np.ndarray:
+        """Return the change less what the finger's place and the light make of it, of unit length."""
+        nominal = cube({}).ravel()
+        known = [nominal, *(cube({f"@pose_{axis}[0]": 0.01}).ravel() - nominal for axis in "xy")]
+        rows = np.linalg.qr(np.array(known).T)[0].T
+        change = cube({name: step}).ravel() - nominal
+        left = change - rows.T @ (rows @ change)
+        return np.asarray(left / np.linalg.norm(left))
+
+    true = beside(fine)
+    shares = [float(true @ beside(model.cube)) ** 2 for model in models]
+    assert shares[1] > 0.95
+    assert 1.0 - shares[1] < 0.6 * (1.0 - shares[0])

@@ -9,7 +9,7 @@
                                the coarse and the fine model differ by more
 ``WAVES``              3       cosines along each side of the frame in which such errors of form vary: a third of the
                                frame is the shortest, below it errors count as noise does
-``STEP_SHARE``         0.02    standard deviation of a bin over the step to its neighbours, for what coarse pixels leave
+``STEP_SHARE``         0.002   standard deviation of a bin over the step to its neighbours, for what coarse pixels leave
                                when a fit has moved an edge; extrapolated to fine pixels about an anchor a prediction is
                                off by 0.0005 to 0.0013 alone (benchmarks/critic_pixels.py)
 ``EXTRAPOLATED``       0.5     standard deviation of what extrapolation to finer pixels adds, as a share of it: that is
@@ -58,7 +58,7 @@ LEAST_AREA = 0.002
 OWN_LIGHT = 0.01
 TIED_SHARE = 0.02
 WAVES = 3
-STEP_SHARE = 0.02
+STEP_SHARE = 0.002
 EXTRAPOLATED = 0.5
 FAR = 3.0
 DETECTED = 0.01

@@ -17,7 +17,7 @@ from evanesce.prediction.fine import CARD_PX, FINE_PX, FineFrames
 from evanesce.prediction.nuisance import nuisance_parameters
 from evanesce.prediction.observe import Observation, model_factor
 from evanesce.prediction.parameters import Parameter, derivative
-from evanesce.prediction.predict import Predictor
+from evanesce.prediction.predict import CONTACT_PX, Predictor
 from evanesce.prediction.processes import present
 from evanesce.prediction.recoded import Recoded
 from evanesce.prediction.views import View, binned
@@ -92,7 +92,14 @@ class AnchoredModel:
     def __init__(self, observation: Observation, data: DataVector) -> None:
         self.observation, self.data = observation, data
         self.factor = model_factor(observation.believed)
-        self.coarse = Predictor(observation.scene, data.views, noise_scale=data.scale, pixels=self.factor)
+        self.coarse = Predictor(
+            observation.scene,
+            data.views,
+            noise_scale=data.scale,
+            pixels=self.factor,
+            before=CONTACT_PX,
+            finer=CONTACT_PX,
+        )
         self.fixed: Mapping[str, Mapping[str, Any]] = {}
         """Settings of effects that list defects: places that data showed."""
         self.codec_bias = np.zeros_like(data.cube)

@@ -20,7 +20,7 @@ from evanesce.inference.laws import Law, Seen, all_laws
 from evanesce.inference.unknown import unknown_blocks
 from evanesce.prediction.colour import expected_grey
 from evanesce.prediction.parameters import Parameter
-from evanesce.prediction.predict import Predictor
+from evanesce.prediction.predict import CONTACT_PX, Predictor
 from evanesce.prediction.views import View
 from evanesce.render.fast.field_files import Folder, read_arrays, write_arrays
 from evanesce.rig import Scene
@@ -132,7 +132,8 @@ def form_predictor(scene: Scene, views: Sequence[View], noise_scale: float, pixe
     noise_scale, pixels : float
         See :class:`evanesce.prediction.predict.Predictor`.
     """
-    return Predictor(scene, views, noise_scale=stepped(noise_scale, SCALE_STEP), pixels=pixels)
+    scale = stepped(noise_scale, SCALE_STEP)
+    return Predictor(scene, views, noise_scale=scale, pixels=pixels, before=CONTACT_PX, finer=CONTACT_PX)
 
 
 @dataclass
@@ -181,7 +182,7 @@ class FormBank:
         coarse = self.coarse
         views = [[v.kind, v.force_N, v.voltage_V, v.time_s, v.index, v.session, v.frames] for v in coarse.views]
         known = [FORMAT, code_digest(*BEHIND), DRAWS, coarse.scene.model_dump(mode="json"), views, dict(self.point)]
-        return digest([*known, coarse.noise_scale, *sources_of(cause)])
+        return digest([*known, coarse.noise_scale, coarse.before, coarse.finer, *sources_of(cause)])
 
     def _cube(self, coarse: Predictor, point: Mapping[str, float]) -> Array:
         correction, coarse.correction = coarse.correction, None
@@ -221,6 +222,7 @@ class FormBank:
                 finer=self.coarse.finer,
                 noise_scale=self.coarse.noise_scale,
                 pixels=self.coarse.pixels,
+                before=self.coarse.before,
             )
             return np.asarray(self._cube(other, {}) - self.nominal)
         assert law.change is not None

@@ -10,20 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evanesce.core.states import PlateLight, SensorLight
-from evanesce.effects import Active, Context
-from evanesce.prediction.point import Nuisances, Point
+from evanesce.prediction.point import Point
 from evanesce.prediction.predict import Kept, Predictor
 from evanesce.prediction.processes import Recipe
 from evanesce.prediction.views import View, binned
 from evanesce.rig import Scene
-from evanesce.rig.coarser import finer_pixels
 
 Array = NDArray[Any]
 
@@ -72,28 +68,23 @@ class FinePredictor(Predictor):
         fine_px: int = FINE_PX,
         rays: int = RAYS,
     ) -> None:
-        self.factor, self.before = factor, math.ceil(fine_px / factor)
+        self.factor, before = factor, math.ceil(fine_px / factor)
         samples = believed.grid.samples
         if believed.finger.ridges is None:
             samples = min(max(samples, 1), GRID_SAMPLES)
         grid = believed.grid.model_copy(update={"samples": samples})
         # On the real pixels it is the chain of `evanesce simulate`, ray for ray.
-        finer = 1 if self.before == 1 else rays * self.before
-        super().__init__(believed.model_copy(update={"grid": grid}), views, finer=finer, noise_scale=noise_scale)
+        finer = 1 if before == 1 else rays * before
+        real = believed.model_copy(update={"grid": grid})
+        super().__init__(real, views, finer=finer, noise_scale=noise_scale, before=before)
         options = {"believed": believed, "views": self.views, "factor": factor, "noise_scale": noise_scale}
         self.recipe = Recipe(FinePredictor, {**options, "fine_px": fine_px, "rays": rays})
+        self.flank_step = None
         self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_LIGHTS)
 
-    def lens_rig(self, rig: Scene) -> Scene:
-        """Return the rig with the pixels at which light is gathered: only the lens sees them."""
-        return finer_pixels(rig, self.before)
-
-    def _gathered(
-        self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
-    ) -> SensorLight:
-        finer = self.lens_rig(rig)
-        sensor = super()._gathered(finer, light, nuisances, effects, replace(context, scene=finer))
-        return SensorLight(irradiance=binned(sensor.irradiance, self.before))
+    def side(self, view: View) -> int:
+        """Return how many smaller pixels along one of the scene's gather any view's light."""
+        return self.before
 
     def cube(self, point: Point, only: Sequence[int] | None = None) -> Array:
         """Return the predicted means of the bins (views, rows, cols) [DN]; NaN in views that are not in ``only``."""
@@ -163,7 +154,7 @@ class FineFrames:
             there, rays = placed(believed, (near[0], near[1])), CARD_RAYS if card else RAYS
             fine = FinePredictor(there, views, factor, noise_scale=noise_scale, fine_px=fine_px, rays=rays)
             fine.fixed = dict(fixed or {})
-            self._predictors[session, card] = fine, in_pixels(rest, factor * fine.before)
+            self._predictors[session, card] = fine, in_pixels(rest, factor)
 
     def cube(self) -> Array:
         """Return the bins (views, rows, cols) [DN]."""

@@ -40,6 +40,7 @@ from evanesce.prediction.views import View, binned
 from evanesce.render.cards import Pose, checkerboard_of, pose_of, square_of
 from evanesce.render.fast.transport import render_fast
 from evanesce.rig import Scene
+from evanesce.rig.coarser import finer_pixels, in_smaller_pixels
 from evanesce.sensor.expose import charge_of, signal_of
 from evanesce.sensor.lens import form_image
 from evanesce.sensor.response import card_response, led_response
@@ -53,6 +54,17 @@ SEED = 0
 KEEP_LIGHTS, KEEP_IMAGES, KEEP_BINS, KEEP_WAYS = 80, 80, 400, 8
 KEEP_CONTACTS = 24
 """Of all predictors of a process together, some 25 MB each: as many states as most bundles hold."""
+
+
+CONTACT_PX = 2
+"""Of rays and of the lens along each of the model camera's pixels, where a contact is seen. Of what tells a modulus or
+an off-axis load from the finger's place and load, derivatives then hold 97 to 99 %, by one 86 to 96 %; three hardly
+hold more (benchmarks/critic_pixels.py)."""
+
+
+FLANK_STEP = 4
+"""Every so many pixels of the model camera it is looked what they see of the finger's flank: more would make it the
+longest part of each step of a fit, and the fine model has it right."""
 
 
 class _Watched(Context):
@@ -100,14 +112,18 @@ class Predictor:
         Real over modelled noise before the tone curve (:mod:`evanesce.prediction.noise_scale`).
     pixels : float
         Real pixels along one of the scene's: over those a colour camera's frames are demosaiced.
+    before : int
+        Smaller pixels along one of the scene's by which the lens gathers the light of a contact, of which ``finer`` is
+        a multiple.
     """
 
     def __init__(
-        self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0, pixels: float = 1.0
-    ) -> None:
+        self, scene: Scene, views: Sequence[View], *, finer: int = 1, noise_scale: float = 1.0, pixels: float = 1.0,
+        before: int = 1,
+    ) -> None:  # fmt: skip
         self.scene, self.views, self.finer, self.noise_scale = scene, tuple(views), finer, noise_scale
-        self.pixels = pixels
-        options = {"finer": finer, "noise_scale": noise_scale, "pixels": pixels}
+        self.pixels, self.before = pixels, before
+        options = {"finer": finer, "noise_scale": noise_scale, "pixels": pixels, "before": before}
         self.recipe = Recipe(Predictor, {"scene": scene, "views": self.views, **options})
         self.correction: Array | None = None
         """Added to every prediction of bins (views, rows, cols) [DN]."""
@@ -115,6 +131,7 @@ class Predictor:
         """Settings of effects that the scene does not have: places that data showed."""
         self._lights, self._images = Kept(KEEP_LIGHTS), Kept(KEEP_IMAGES)
         self._bins, self._points, self._ways = Kept(KEEP_BINS), Kept(4), Kept(KEEP_WAYS)
+        self.flank_step: int | None = FLANK_STEP * finer
         self._known: set[str] = set()
         self._timed: set[str] = set()
 
@@ -232,24 +249,28 @@ class Predictor:
             stages = [e for e in effects if e.effect.stage in (Stage.PLATE_LIGHT, Stage.SENSOR_LIGHT)]
             touching = view.touches and not view.is_card
             way = (repr(stages), self._moment(stages, context), nuisances.slope)
-            key = (key, *way, behind_plate(rig, bool(stages), not touching))
+            side = self.side(view)
+            key = (key, *way, behind_plate(rig, bool(stages), not touching), side)
             sensor, at = self._images.get(
-                key, lambda: (self._gathered(rig, light(), nuisances, effects, context), level)
+                key, lambda: (self._gathered(rig, side, light(), nuisances, effects, context), level)
             )
             # The way to the sensor is linear in the LEDs' power but for light that effects bring of their own.
             if at != level:
-                own = self._own_light(rig, nuisances, effects, context, way) if stages else 0.0
+                own = self._own_light(rig, side, nuisances, effects, context, way) if stages else 0.0
                 sensor = SensorLight(irradiance=own + (sensor.irradiance - own) * (level / at))
         return self._expose(rig, sensor, nuisances, effects, context, view.is_card)
 
     def _own_light(
-        self, rig: Scene, nuisances: Nuisances, effects: tuple[Active, ...], context: Context, way: tuple[Any, ...]
-    ) -> Array:
+        self, rig: Scene, side: int, nuisances: Nuisances, effects: tuple[Active, ...], context: Context,
+        way: tuple[Any, ...],
+    ) -> Array:  # fmt: skip
         """Return the irradiance (rows, cols) that effects on the way to the sensor bring while no LED shines."""
         off = unlit(rig)
-        key = ("own light", sight(off), *way, behind_plate(off, True, False))
+        key = ("own light", sight(off), *way, behind_plate(off, True, False), side)
         there = replace(context, scene=off)
-        return self._images.get(key, lambda: self._gathered(off, dark(off), nuisances, effects, there)).irradiance
+        return self._images.get(
+            key, lambda: self._gathered(off, side, dark(finer_pixels(off, side)), nuisances, effects, there)
+        ).irradiance
 
     def _moment(self, effects: Sequence[Active], context: Context) -> tuple[float, ...]:
         """Return the time and number of a frame if any effect may ask for them."""
@@ -293,7 +314,7 @@ class Predictor:
                 if level == 0.0:
                     return dark(rig), 1.0
                 state = _CONTACTS.get(contact_key, contact)
-                return render_moved(rig, state, nuisances.shift_mm, self.finer), level
+                return render_moved(rig, state, nuisances.shift_mm, self.finer, self.flank_step), level
 
             made, at = self._lights.get(key, make)
             # Everything on the way is linear in the LEDs' power while their pattern stays.
@@ -313,12 +334,21 @@ class Predictor:
         )
         return card_light(rig, card, pose, view=ideal, points=points, soft=True)
 
+    def side(self, view: View) -> int:
+        """Return how many smaller pixels along one of the scene's gather a view's light."""
+        return self.before if view.touches and not view.is_card else 1
+
     def _gathered(
-        self, rig: Scene, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...], context: Context
-    ) -> SensorLight:
+        self, rig: Scene, side: int, light: PlateLight, nuisances: Nuisances, effects: tuple[Active, ...],
+        context: Context,
+    ) -> SensorLight:  # fmt: skip
+        finer = finer_pixels(rig, side)
+        context = replace(context, scene=finer)
+        effects = tuple(replace(e, parameters=in_smaller_pixels(e.parameters, side)) for e in effects)
         light = self._apply(Stage.PLATE_LIGHT, light, effects, context)
-        sensor = form_image(light, rig.camera, rig.plate)
+        sensor = form_image(light, finer.camera, finer.plate)
         sensor = self._apply(Stage.SENSOR_LIGHT, sensor, effects, context)
+        sensor = SensorLight(irradiance=binned(sensor.irradiance, side))
         if any(nuisances.slope):
             rows, cols = sensor.irradiance.shape
             x, y = np.linspace(-1, 1, cols), np.linspace(-1, 1, rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evanesce.core.errors import InputError
+from evanesce.core.quantities import Strict
 from evanesce.rig.load import validate
 from evanesce.rig.scene import Scene
 
@@ -79,3 +80,21 @@ def finer_pixels(scene: Scene, factor: int) -> Scene:
         "pixel": camera.pixel.model_copy(update={"pitch_um": camera.pixel.pitch_um / factor}),
     }
     return scene.model_copy(update={"camera": camera.model_copy(update=update)})
+
+
+def in_smaller_pixels(parameters: Strict, times: int) -> Strict:
+    """Return settings with the lengths in pixels counted in pixels so many times smaller.
+
+    Parameters
+    ----------
+    parameters : Strict
+        Of an effect; lengths in pixels are those whose names end in ``_px``.
+    times : int
+    """
+    lengths = {name: value for name, value in parameters if name.endswith("_px")}
+    if times == 1 or not lengths:
+        return parameters
+    smaller = {
+        n: tuple(times * v for v in one) if isinstance(one, tuple) else times * one for n, one in lengths.items()
+    }
+    return parameters.model_copy(update=smaller)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evanesce.core.rng import generator
-from evanesce.inference.constants import STEP_SHARE
 from evanesce.inference.data import SATURATED, DataVector
 from evanesce.inference.discrepancy import Discrepancy, tied_rows
 from evanesce.inference.joint import Fitter
@@ -39,6 +38,9 @@ EVEN_DN = 3.0
 BLUR_FORM = 0.1
 """Standard deviation of what the even blur does to an edge over its own size: a kernel of the same width but of another
 form (disc or Gaussian) changes it by 4 % of the step, a fifth of what the blur does, and half of that is fitted."""
+STEP_SHARE = 0.02
+"""Standard deviation of a bin over the step to its neighbours, for what the pixels by which a board's light is gathered
+leave of its edges."""
 SHARPEST_BINS = 0.15
 """Blur of a bin's square hardly shows."""
 LOCAL_BINS = 7

@@ -53,7 +53,7 @@ class SeriesPredictor:
         self.factor = 1 if fine else model_factor(believed)
         """Real pixels along each of the frames'."""
         self._frames = self._predictor()
-        self._smaller = self._frames.before * self._frames.factor if isinstance(self._frames, FinePredictor) else 1
+        self._smaller = self._frames.factor if isinstance(self._frames, FinePredictor) else 1
         self._kept = Kept(KEPT)
         self._depths = Kept(KEPT_LAWS)
         self._slides = Kept(KEPT_LAWS)

@@ -8,9 +8,9 @@ fine model's two sides of pixels, Richardson's extrapolation from both, which is
 what the data's standard deviations count as unknown.
 
 The second table is of derivatives, by which causes are told apart: of a small change of each cause by fine pixels, what
-the light and the load of single views do not make up for, the share (a squared cosine) that the critic's derivative
-holds, and by how much it seems larger than it is for what derivatives by load do not hold. Kept is its norm over the
-data's standard deviations by that over noise alone.
+the light and the load of single views do not make up for, the share (a squared cosine) that derivatives hold, by whole
+pixels of the model camera and, as the critic's, by halves; and by how much it seems larger than it is for what
+derivatives by load do not hold. Kept is its norm over the data's standard deviations by that over noise alone.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from evanesce.prediction.fine import CARD_PX, FINE_PX
 from evanesce.prediction.linear import Metric
 from evanesce.prediction.observe import observe
 from evanesce.prediction.parameters import Parameter
+from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import binned
 from evanesce.rig import load_scene
 
@@ -95,23 +96,29 @@ def derivatives(model: AnchoredModel, noise: np.ndarray, causes: Sequence[str]) 
         step = 0.1 * parameter.deviation if not parameter.name.startswith("@pose") else 0.01
         return fine_row({parameter.name: step}, step, parameter.views)
 
-    quick = Metric.of(
-        np.array([model.derivative({}, p) for p in nuisances]), np.array([p.deviation for p in nuisances])
-    )
-    exact = Metric.of(np.array([fine_nuisance(p) for p in nuisances]), np.array([p.deviation for p in nuisances]))
+    scene, scale = model.observation.scene, data.scale
+    halves, whole = model.coarse, Predictor(scene, data.views, noise_scale=scale, pixels=model.factor)
+    deviations = np.array([p.deviation for p in nuisances])
+    exact = Metric.of(np.array([fine_nuisance(p) for p in nuisances]), deviations)
+    metrics = []
+    for model.coarse in (halves, whole):
+        metrics.append(Metric.of(np.array([model.derivative({}, p) for p in nuisances]), deviations))
     for cause in causes_of(model.observation)[0]:
         if cause.id not in causes:
             continue
         amplitude = next(p for p in cause.parameters if p.name in cause.amplitudes)
         step = amplitude.null + 0.1 * amplitude.deviation
-        own = model.vector({amplitude.name: step}) - model.vector({})
         true = fine_row({amplitude.name: step}, 1.0)
-        left = float(true @ quick.project(true))
-        share = float(true @ quick.project(own)) ** 2 / left / float(own @ quick.project(own))
-        larger = float(np.sqrt(left / float(true @ exact.project(true))))
+        row = {}
+        for name, model.coarse, quick in zip(("whole pixels", "halves"), (whole, halves), metrics[::-1], strict=True):
+            own = model.vector({amplitude.name: step}) - model.vector({})
+            left = float(true @ quick.project(true))
+            row[name] = float(true @ quick.project(own)) ** 2 / left / float(own @ quick.project(own))
+        # Halves came last: their metric is the critic's.
+        row["seems larger"] = float(np.sqrt(left / float(true @ exact.project(true))))
         larger_sd = (data.sd / noise)[list(data.open)]
-        kept = np.linalg.norm(true) / np.linalg.norm(data.unwhitened(true) * larger_sd)
-        found.append((amplitude.name, {"share": share, "seems larger": larger, "kept": float(kept)}))
+        row["kept"] = float(np.linalg.norm(true) / np.linalg.norm(data.unwhitened(true) * larger_sd))
+        found.append((amplitude.name, row))
     return found
 
 

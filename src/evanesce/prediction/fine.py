@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evanesce.prediction.kept import Kept
 from evanesce.prediction.point import Point
-from evanesce.prediction.predict import Kept, Predictor
+from evanesce.prediction.predict import Predictor
 from evanesce.prediction.processes import Recipe
 from evanesce.prediction.views import View, binned
 from evanesce.rig import Scene

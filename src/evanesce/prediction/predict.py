@@ -6,10 +6,9 @@ computed once.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from evanesce.optics.projection import Projection
 from evanesce.optics.seen import seen_at, under_lamp
 from evanesce.prediction.colour_noise import expected_colour
 from evanesce.prediction.development import Development, light_levels, widened
+from evanesce.prediction.kept import Kept
 from evanesce.prediction.plate_light import (
     behind_plate,
     dark,
@@ -46,7 +46,6 @@ from evanesce.sensor.lens import form_image
 from evanesce.sensor.response import card_response, led_response
 
 Array = NDArray[Any]
-T = TypeVar("T")
 
 SEED = 0
 """Of effects with random places: the critic takes their scaling and shape from it, never their places."""
@@ -74,24 +73,6 @@ class _Watched(Context):
         if name in ("time_s", "index"):
             object.__setattr__(self, "asked", True)
         return super().__getattribute__(name)
-
-
-class Kept:
-    """The last few values by key."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-        self._values: OrderedDict[Any, Any] = OrderedDict()
-
-    def get(self, key: Any, make: Callable[[], T]) -> T:
-        """Return the value of a key, made if it is not kept."""
-        if key not in self._values:
-            self._values[key] = make()
-            while len(self._values) > self.size:
-                self._values.popitem(last=False)
-        self._values.move_to_end(key)
-        found: T = self._values[key]
-        return found
 
 
 # The fine model gathers the light of one contact by pixels of two sizes.

@@ -20,9 +20,10 @@ from evanesce.effects import Active, Context, Stage, active_effects, apply_stage
 from evanesce.inference.series.rows import LEAST_AREA_MM2, LEAST_FORCE_N, SHEAR
 from evanesce.prediction.colour import area_in
 from evanesce.prediction.fine import FinePredictor, in_pixels
+from evanesce.prediction.kept import Kept
 from evanesce.prediction.observe import model_factor, model_scene
 from evanesce.prediction.point import Nuisances, scene_with
-from evanesce.prediction.predict import Kept, Predictor
+from evanesce.prediction.predict import Predictor
 from evanesce.prediction.views import View
 from evanesce.rig import Scene
 

@@ -15,7 +15,7 @@ from evanesce.inference.consequence import Consequence, nearest
 from evanesce.inference.gain import HeldOut
 from evanesce.inference.named import Named
 from evanesce.inference.naming import label_of
-from evanesce.inference.page import _causes, cause_figure
+from evanesce.inference.page import _causes, _scene, cause_figure
 from evanesce.inference.posterior import Posterior
 from evanesce.inference.series.critic import SeriesGain
 from evanesce.inference.single_effects import UNKNOWN, Place
@@ -145,3 +145,19 @@ def test_what_is_unknown_is_told_with_what_comes_nearest_to_it() -> None:
     own = Place.of({UNKNOWN: 50.0, "vignetting": 3.0, "creep": 2.0})
     assert nearest_to_unknown(Posterior({UNKNOWN: own}, further, 0.001)) == "vignetting"
     assert nearest_to_unknown(Posterior({}, Place.of({UNKNOWN: 1.0}), 0.001)) == ""
+
+
+def test_the_page_shows_few_of_a_list_s_numbers() -> None:
+    """Rationale: one speck of dust came with 37 places, and the page with 111 lines of them."""
+    before = "[effects]\n"
+    after = before + "mark_x_mm = [\n" + "".join(f"    {0.5 * k - 1.0},\n" for k in range(9)) + "]\nmarks = 2.0\n"
+    rows = [row[0] for row in _scene(before, after).tables[0].rows]
+    assert rows[-7:] == [
+        "+mark_x_mm = [",
+        "+    -1.0,",
+        "+    -0.5,",
+        "+    0.0,",
+        "+    ... 6 more",
+        "+]",
+        "+marks = 2.0",
+    ]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import itertools
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,6 +21,8 @@ from evanesce.report.html import Page, Picture, Section, Table, figure_png
 RANGE = 5.0
 """Residuals are shown from -RANGE to +RANGE standard deviations."""
 MOST_PROBABLE = 8
+LISTED, LISTED_LINES = re.compile(r"[+-]\s+[-+.\de]+,"), 3
+"""Lines of a list of numbers in a difference, and how many of them are shown."""
 
 
 def page(
@@ -262,6 +266,16 @@ def _moves(result: Mapping[str, Any]) -> Section:
 
 def _scene(before: str, after: str) -> Section:
     lines = difflib.unified_diff(before.splitlines(), after.splitlines(), "nominal", "extended", lineterm="", n=1)
-    rows = [(line,) for line in list(lines)[2:]]
+    rows = [(line,) for line in _shortened(list(lines)[2:])]
     text = "The extended scene renders with every other command." if rows else "The scene stands as it is."
     return Section("The extended scene", [text], tables=[Table(("difference",), rows)] if rows else [])
+
+
+def _shortened(lines: Sequence[str]) -> list[str]:
+    """Return lines of a difference without the most of lists: a speck of dust has some tens of places."""
+    kept: list[str] = []
+    for numbers, run in itertools.groupby(lines, lambda line: bool(LISTED.fullmatch(line))):
+        part = list(run)
+        short = not numbers or len(part) <= LISTED_LINES
+        kept += part if short else [*part[:LISTED_LINES], f"{part[0][0]}    ... {len(part) - LISTED_LINES} more"]
+    return kept

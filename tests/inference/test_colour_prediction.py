@@ -120,7 +120,7 @@ def test_an_effect_behind_the_lens_acts_on_each_filter(scene: Scene, point: dict
     shot = Shot(index=0, time_s=0.0, force_N=3.0, voltage_V=9.0)
     frames = np.array([grey_of(rig.press(shot, index=k)[0]) for k in range(count)])
     view = View(kind="press", force_N=3.0, voltage_V=9.0)
-    predictor = Predictor(scene, [view])
+    predictor = FinePredictor(scene, [view], 1, fine_px=1)
     before, after = (binned(predictor.image(p, 0)) for p in ({}, point))
     change = binned(frames.mean(axis=0)) - before
     noise = binned(frames).std(axis=0) / np.sqrt(count) + 0.1

@@ -154,7 +154,8 @@ def drawn_errors(model: AnchoredModel) -> Any:
         # Brighter and darker by turns, each by the whole size: then that is their standard deviation.
         off = {v: voltage * sign for v, sign in zip(sorted(set(volts) - {most}), (1, -1, 1, -1, 1, -1), strict=False)}
         share = np.array([off.get(v, 0.0) for v in volts])[:, None, None]
-        error = share * light_of(data) + level_DN * rng.standard_normal(cube.shape)
+        # Of the model's own light: the finger of the data is softer, and its rim lies elsewhere.
+        error = share * light_of(replace(data, cube=cube)) + level_DN * rng.standard_normal(cube.shape)
         return replace(data, cube=cube + data.sd * rng.standard_normal(cube.shape) + np.where(lit, error, 0.0))
 
     return drawn

@@ -408,6 +408,29 @@ def test_larger_pixels_add_up_the_light_of_smaller_ones() -> None:
     assert np.abs(on_its_own - expected).max() > 0.01 * expected.max()
 
 
+def test_a_bundle_of_few_pixels_per_mm_shows_an_edge_as_fine_ones_do(tmp_path: Path) -> None:
+    """Rationale: by the camera's own pixels it was some DN off, which means of many frames show."""
+    few = {
+        "camera.resolution_px": [200, 160],
+        "camera.scale_px_per_mm": 12.0,
+        "camera.pixel.pitch_um": 15.0,
+        "camera.exposure_ms": 0.6,
+        "grid.samples": 512,
+    }
+    scene = load_scene("thesis", few)
+    shots = conditions([Shot(index=0, time_s=0.0, force_N=3.0, voltage_V=9.0)])
+    protocol = Protocol(press=shots, replicates=4)
+    means = []
+    for name, finer in (("own", 1), ("default", None), ("fine", 6)):
+        write_bundle(tmp_path / name, scene, seed=5, protocol=protocol, finer=finer)
+        means.append(np.mean([f.astype(float) for f in read_bundle(tmp_path / name).replicate_frames], axis=0))
+    own, default, fine = means
+    # The same noise is drawn of each.
+    edge = np.hypot(*np.gradient(fine)) > 20.0
+    off = [float(np.sqrt(np.mean((one - fine)[edge] ** 2))) for one in (own, default)]
+    assert off[1] < 0.35 * off[0]
+
+
 def test_area_of_a_drawn_disc_is_its_area(scene: Scene) -> None:
     projection = Projection.of(scene.camera, scene.plate)
     fine = 8

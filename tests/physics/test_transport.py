@@ -571,7 +571,7 @@ def test_the_flank_s_light_grows_without_steps(scene: Scene, fields: Fields) -> 
 
 
 def test_few_pixels_show_the_flank_as_many_do() -> None:
-    """Rationale: every fourth of 12 pixels per mm was looked up; the outline's light was off by 1 % of the peak."""
+    """Rationale: every fourth of 12 pixels per mm was looked up, which blurred the outline."""
     few = {"camera.resolution_px": [400, 300], "camera.scale_px_per_mm": 11.674, "camera.pixel.pitch_um": 15.5}
     scene = load_scene("thesis", few)
     view = Projection.of(scene.camera, scene.plate).ideal_view()

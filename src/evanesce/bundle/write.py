@@ -58,8 +58,8 @@ The lens is remapped between rays, which blurs by part of their distance: one al
 """
 
 LEAST_PX_PER_MM = 30.0
-"""Pixels at which light is gathered are no larger: means of 4 x 4 along a contact's edge are off by 0.17 DN where it is
-gathered by 12 per mm, by 0.02 DN by 36 (benchmarks/critic_pixels.py)."""
+"""Pixels at which light is gathered are no larger: means of many frames show what larger ones leave of a contact's edge
+(benchmarks/critic_pixels.py: two and three finer ones along each of 12 per mm)."""
 
 BEHIND_THE_LENS = (Stage.CHARGE, Stage.READOUT, Stage.FRAME)
 

@@ -57,9 +57,8 @@ KEEP_CONTACTS = 24
 
 CONTACT_PX = 2
 """Of rays and of the lens along each of the model camera's pixels, where a contact is seen. Of what tells a modulus or
-an off-axis load from the finger's place and load, derivatives then hold 97 to 99 %, by one 86 to 96 %; three hardly
-hold more (benchmarks/critic_pixels.py)."""
-
+an off-axis load from the finger's place and load, derivatives then hold 98 and 99 %, by one 86 and 96 %
+(benchmarks/critic_pixels.py)."""
 
 FLANK_STEP = 4
 """Every so many pixels of the model camera it is looked what they see of the finger's flank: more would make it the

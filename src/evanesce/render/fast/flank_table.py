@@ -38,8 +38,8 @@ APPROACH_STEP_MM = 0.1
 """Step of the approaches for which positions in the table are kept."""
 
 FLANK_MM = 0.07
-"""About so far apart on the plate positions in the table are looked up [mm]. Across the flank's outline light jumps: a
-third of a millimetre is off by 0.2 DN over the bins about a contact, as much as a faint cause does there."""
+"""About so far apart on the plate positions in the table are looked up [mm]. Light jumps across the flank's outline: a
+third of a millimetre puts a frame off by over twice what its pixels alone do (tests/physics/test_transport.py)."""
 
 OUTLINE_PARTS = 8
 """Rays along each side of a cell of the flank's outline."""
